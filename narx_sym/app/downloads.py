@@ -22,7 +22,7 @@ def offered(bench: Any, model: Model) -> dict[str, tuple[str, Callable[[], str |
     "report.html", "model.json", "model.tex", "model.c" and the other exports, with a law "law.tex", "law.c"... and with
     a run of it "law_run.csv".
     """
-    law, run = bench.law, bench.run
+    law, run = bench.state.law, bench.state.run
     sources = {ending: (name, exports()[name].title) for ending, name in files().items()}
     found: dict[str, tuple[str, Callable[[], str | bytes]]] = {
         "report.html": ("Report (HTML)", partial(report_of, bench)),
@@ -48,4 +48,4 @@ def report_of(bench: Any) -> str:
     settings["channels"] = ", ".join(choice.channels) or "none"
     settings |= {"missing": choice.missing, "machine": choice.machine or "from the units, if they show it"}
     units = said_first(bench.record.units, choice.units)
-    return page(material(Story.of(bench.revisions), units, [bench.path] if bench.path else [], settings))
+    return page(material(Story.of(bench.state.revisions), units, [bench.path] if bench.path else [], settings))

@@ -7,8 +7,10 @@ from typing import Any
 
 from ..data.record import Record
 from ..diagnosis.progress import Told, inside
+from ..files.telling import fenced
 from ..inversion.compensator import compensator
 from ..models.model import Model
+from ..report.page import material, page
 from ..tasks.compensate import Law, law_of, track
 from ..tasks.reference import Reference
 from ..tasks.revise import STAGES, Progress, Revision
@@ -20,10 +22,20 @@ Units = Mapping[str, str]
 
 def revision(
     make: Callable[..., Revision], what: Sequence[Any], before: Sequence[Revision], records: Sequence[Record],
-    units: Units, progress: Progress, **known: Any,
+    units: Units, progress: Callable[[Any], Any], **known: Any,
 ) -> Shown:  # fmt: skip
     """Make a revision with a function of `tasks.revise`, and show it; `known` is what else `diagnose` is told."""
-    made = make(*what, records, inside(progress, after=1), **known)
+
+    def tell(now: Any) -> Any:
+        """Show the base as soon as it is known."""
+        look = getattr(now, "look", None)
+        if look is not None and not before:
+            with fenced("The first look"):
+                progress(page(material(look(), units, searching=True), framed=True).encode())
+            now.look = None  # it stays here
+        return progress(now)
+
+    made = make(*what, records, inside(tell, after=1), **known)
     progress(Told("drawing", STAGES + 1, STAGES + 1))
     return shown(before, made, units)
 

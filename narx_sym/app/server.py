@@ -184,9 +184,10 @@ def _files(app: Any, sessions: Sessions) -> None:
         return Response(content, media_type=TYPES.get(Path(name).suffix, "text/plain"), headers=headers)
 
     def first(request: Request) -> Response:
-        current = bench_of(request).current
+        bench = bench_of(request)
+        shown = bench.early or (bench.current.page if bench.current else "")
         # As text: it is shown in a frame of its own origin only.
-        return PlainTextResponse(current.page if current else "", headers={"cache-control": "no-store"})
+        return PlainTextResponse(shown, headers={"cache-control": "no-store"})
 
     def frame(request: Request) -> Response:
         return Response(FRAME.read_text(encoding="utf-8"), media_type="text/javascript")

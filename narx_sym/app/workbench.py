@@ -7,7 +7,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,14 +43,34 @@ from .choice import (
     suits,
 )  # fmt: skip
 from .downloads import offered
-from .history import History, State
 from .jobs import followed, revision
 from .story import Shown
 from .worker import Worker
 
 LIMIT = 50_000_000  # bytes of an upload
 BUSY = "A computation is running: wait for it, or cancel it."
+MOST = 30  # states that are kept: each has the pictures of its diagnosis
 PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What the page shows after a step.
+
+    Attributes
+    ----------
+    revisions : the models so far, with their diagnoses; the last one is shown
+    base, base_name : the base that was chosen
+    law, run : of the last model, where they were asked for
+    notes : what was said of it
+    """
+
+    revisions: tuple[Shown, ...] = ()
+    base: str | Model = "linear"
+    base_name: str = ""
+    law: Law | None = None
+    run: Ran | None = None
+    notes: tuple[str, ...] = ()
 
 
 class Workbench:
@@ -68,14 +88,12 @@ class Workbench:
         What was read with this choice.
     base : str or Model
         "static", "linear", "narx", or a model from a file, called `base_name`.
-    revisions : list of Shown
-        The models so far; the last one is shown.
-    law, run : Law or None, Ran or None
-        Of the last revision, where they were asked for.
+    states, at : list of State, int
+        Every state since the data were chosen, for undo and redo, and which of them is shown.
+    early : str
+        The page on the base, while effects are searched.
     wanted : Wanted
         What a law shall follow, and within which limits.
-    history : History
-        Every state since the data were chosen, for undo and redo.
     faults : mapping from fields to messages
         What is wrong, each at the field that was refused, else at "".
     notes : what was changed in silence
@@ -103,12 +121,20 @@ class Workbench:
         self.choice = Choice()
         self.record: Record | None = None
         self.preview = ""
-        self.revisions: list[Shown] = []
-        self.law: Law | None = None
-        self.run: Ran | None = None
+        self.states: list[State] = []
+        self.at, self.early = -1, ""
         self.wanted = Wanted()
-        self.history = History()
         self.faults = {}
+
+    @property
+    def state(self) -> State:
+        """The state that is shown."""
+        return self.states[self.at] if self.states else State()
+
+    @property
+    def current(self) -> Shown | None:
+        """The model that is shown."""
+        return self.state.revisions[-1] if self.state.revisions else None
 
     @property
     def error(self) -> str:
@@ -175,7 +201,7 @@ class Workbench:
         """Take over what was read; all that was made of other data goes."""
         with self.shown:
             self.cancel()
-            self.revisions, self.law, self.run, self.history = [], None, None, History()
+            self.states, self.at = [], -1
             self.record, self.preview = record, preview
             if record is not None:
                 self.wanted = Wanted.of(record, self.wanted)
@@ -209,11 +235,6 @@ class Workbench:
 
     # -- steps -------------------------------------------------------------------------------------------------
 
-    @property
-    def current(self) -> Shown | None:
-        """The model that is shown."""
-        return self.revisions[-1] if self.revisions else None
-
     def diagnose(self) -> None:
         """Begin to identify the base and to diagnose it; what was added before goes when that is done."""
         with Said(self) as said:
@@ -242,8 +263,8 @@ class Workbench:
             self._climb(with_term, model, name, what)
 
     def _climb(self, make: Callable[..., Revision], *what: Any) -> None:
-        of = self.history.states[self.history.at]
-        self._revise(tuple(self.revisions), of.base, of.base_name, make, *what)
+        of = self.state
+        self._revise(of.revisions, of.base, of.base_name, make, *what)
 
     def _revise(
         self, before: tuple[Shown, ...], base: str | Model, name: str, make: Callable[..., Revision], *what: Any
@@ -251,8 +272,9 @@ class Workbench:
         record, bare = self._measured, tuple(r.bare() for r in before)
         work = partial(revision, validation=self._judging(), machine=self.choice.machine)
         self._begin(
-            lambda made: self._put([*before, made], base, name), work, make, what, bare, (record,), record.units
-        )
+            lambda made: self._put(State((*before, made), base, name, notes=made.notes)), work, make, what, bare,
+            (record,), record.units,
+        )  # fmt: skip
 
     def _judging(self) -> list[Record]:
         """Read the validation record, with the same columns."""
@@ -276,30 +298,28 @@ class Workbench:
             raise DataError("Choose the data first.")
         return replace(self.record, units=said_first(self.record.units, self.choice.units))
 
-    def _put(self, revisions: list[Shown], base: str | Model, base_name: str) -> None:
-        notes = revisions[-1].notes
-        self.history.put(State(tuple(revisions), base, base_name, notes=notes))
-        self.revisions, self.law, self.run, self.notes = revisions, None, None, notes
-        self.faults = {}  # their fields are made anew
+    def _put(self, state: State) -> None:
+        """Take a new state; what was undone before is forgotten, and the first where there are too many."""
+        self.states = [*self.states[: self.at + 1], state][-MOST:]
+        self.at, self.notes, self.faults = len(self.states) - 1, state.notes, {}  # their fields are made anew
 
     def undo(self) -> None:
         """Go back to the state before; nothing is computed anew."""
-        self.go(self.history.at - 1)
+        self.go(self.at - 1)
 
     def redo(self) -> None:
         """Go again to the state that was left by `undo`."""
-        self.go(self.history.at + 1)
+        self.go(self.at + 1)
 
     def go(self, index: int) -> None:
         """Show a state of the history as it was."""
         with Said(self):
-            if not 0 <= index < len(self.history.states):
+            if not 0 <= index < len(self.states):
                 raise ModelError(f"There is nothing to {'undo' if index < 0 else 'redo'}.")
             if self.worker.busy:
                 raise NarxError(BUSY)
-            state, self.history.at = self.history.states[index], index
+            self.at, state = index, self.states[index]
             self.base, self.base_name = state.base, state.base_name
-            self.revisions, self.law, self.run = list(state.revisions), state.law, state.run
             self.notes, self.faults = state.notes, {}
 
     # -- the law -----------------------------------------------------------------------------------------------
@@ -324,14 +344,12 @@ class Workbench:
             self._begin(lambda made: self._show_run(*made), followed, model, make, *limits, record.units)
 
     def _show_run(self, law: Law, run: Ran | None) -> None:
-        self.law, self.run = law, run
-        states = self.history
-        states.states[states.at] = replace(states.states[states.at], law=law, run=run)
+        self.states[self.at] = replace(self.state, law=law, run=run)
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
         """Name and free-run errors of each revision, as `Diagnosis.ladder` has them."""
-        return [{"name": r.name, **r.errors} for r in self.revisions]
+        return [{"name": r.name, **r.errors} for r in self.state.revisions]
 
     @property
     def known(self) -> dict[str, str]:
@@ -341,7 +359,7 @@ class Workbench:
     @property
     def terms(self) -> dict[str, str]:
         """Terms that may be edited, as text by their parameters."""
-        return written_terms(self.revisions[-1].base.model) if self.revisions else {}
+        return written_terms(self.current.base.model) if self.current else {}
 
     # -- the process -------------------------------------------------------------------------------------------
 
@@ -361,6 +379,10 @@ class Workbench:
         outcome = self.worker.poll()
         if outcome is None:
             return
+        if outcome.early:
+            self.early = outcome.result.decode()
+            return
+        self.early = ""
         self.understood()
         if outcome.error:
             self.faults = {**self.faults, "": in_the_page(outcome.error)}
@@ -377,8 +399,13 @@ class Workbench:
     def cancel(self) -> None:
         """End what is under way; everything stays as it was before."""
         if self.worker.busy:
+            self.early = ""
             self.worker.stop()
             self.worker.warm()  # for what comes next
+
+    def enough(self) -> None:
+        """Let a search end with what was found by now."""
+        self.worker.enough()
 
     def close(self) -> None:
         """End the process and remove what was uploaded."""

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from ..errors import NarxError
@@ -24,13 +25,17 @@ class Outcome:
     result: Any = None
     error: str = ""
     notes: tuple[str, ...] = ()
+    early: bool = False  # the work goes on
+
+
+ENOUGH = (None, ())  # what is sent in the place of work, to end a search
 
 
 class Worker:
     """One piece of work at a time, a function of a module with arguments that can be pickled.
 
-    The function takes `progress`, which is called with a text, as its last argument. The process stays for the next
-    piece of work; `stop` ends it.
+    The function takes `progress` as its last argument: it is called with a text, or with an early result, and returns
+    whether what was found is enough. The process stays for the next piece of work; `stop` ends it.
     """
 
     def __init__(self) -> None:
@@ -67,13 +72,18 @@ class Worker:
             while self._pipe.poll():
                 kind, what = self._pipe.recv()
                 if kind == "outcome":
-                    self.busy = False
+                    self.busy = what.early
                     return what
                 self.progress = what
         except (EOFError, OSError):
             self.stop()
             return Outcome(error="The process that did the work ended (out of memory?). Nothing was changed.")
         return None
+
+    def enough(self) -> None:
+        """Let the work end its search with what was found by now."""
+        if self.busy:
+            _hand_over(self._pipe, *ENOUGH)
 
     @property
     def seconds(self) -> float:
@@ -105,9 +115,15 @@ def _deaf() -> Iterator[None]:
             signal.signal(signal.SIGINT, before)
 
 
-def _hand_over(pipe: Any, work: Callable[..., Any], arguments: Sequence[Any]) -> None:
+def _hand_over(pipe: Any, work: Callable[..., Any] | None, arguments: Sequence[Any]) -> None:
     with suppress(OSError):  # the process was stopped meanwhile
         pipe.send((work, arguments))
+
+
+def _told(pipe: Any, what: Any) -> bool:
+    """Hand on a text or an early result; return whether what was found is enough."""
+    pipe.send(("progress", what) if isinstance(what, str) else ("outcome", Outcome(what, early=True)))
+    return bool(pipe.poll() and pipe.recv() == ENOUGH)
 
 
 def _serve(pipe: Any) -> None:
@@ -120,10 +136,12 @@ def _serve(pipe: Any) -> None:
             work, arguments = pipe.recv()
         except (EOFError, OSError):
             return
+        if work is None:  # the search had ended already
+            continue
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             try:
-                outcome = Outcome(work(*arguments, progress=lambda text: pipe.send(("progress", text))))
+                outcome = Outcome(work(*arguments, progress=partial(_told, pipe)))
             except NarxError as error:
                 outcome = Outcome(error=str(error))
             except Exception as error:  # one message in the page, whatever happens

@@ -313,7 +313,8 @@ def diagnose(
         have the names of that field. Default: that of the model (`Info.machine`), else guessed from the units; "none"
         if it is unknown.
     report : callable
-        Receives a text after each piece of work (`diagnosis.progress.Told`). An exception in it stops the diagnosis.
+        Receives a text after each piece of work (`diagnosis.progress.Told`). An exception in it stops the diagnosis;
+        where it returns True, the search ends with what was found by then.
 
     Returns
     -------
@@ -384,7 +385,8 @@ def diagnose(
     failed = _misfit(steps[0].base, steps[0].floor)
     faults = sensor_faults(listed, min(s.floor for s in steps), converter)
     of_machine = kind_of.notes(catalogue, listed[0].units)
-    said = [*_noted(listed, table), *of_machine, *_loads(steps), *speed, *held]
+    ended = ["The search was ended before every effect was tried."] * table.course.enough
+    said = [*_noted(listed, table), *ended, *of_machine, *_loads(steps), *speed, *held]
     if machine:
         _remember(steps, machine)
     seconds = time.perf_counter() - begin
@@ -421,6 +423,7 @@ def _searched(
     if loop is not None and (valves or not loop.moved_by_setpoint):  # of a valve it is judged whether it sticks
         rounds.append((looped(table.own(known), loop, valves), known))
     trial = Trial.of(seen, validation)
+    course.say(look=partial(_looked, table, trial, start))
     for made, _ in rounds:
         made.finish(trial, _baseline(trial, start, made.base))
     while not rounds or (rounds[-1][0].chosen is not None and len(known.hypothesis.effects) < most):
@@ -430,6 +433,13 @@ def _searched(
         known = made.half or known
         rounds.append((made, known))
     return _Searched(table, rounds)
+
+
+def _looked(table: Table, trial: Trial, start: Model) -> Diagnosis:
+    """Return what is known where the base is fitted: what it leaves."""
+    base = _baseline(trial, start, table.own(table.base))
+    first = replace(looped(base, None), verdict="nothing_detectable", trial=trial)
+    return Diagnosis([first], _misfit(base, first.floor), 0.0, table.seed)
 
 
 def _baseline(trial: Trial, given: Model, found: Fitted) -> Fitted:

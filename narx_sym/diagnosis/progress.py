@@ -7,6 +7,7 @@ from typing import Any
 
 from ..files.telling import fenced
 
+Look = Callable[[], Any]
 BASE, WAYS, ALONE = "fitting the base and its delay", "deriving the response to each effect", "trying each effect alone"
 PAIRS, JUDGE = "trying pairs of effects", "validating what was found"
 ROUND = (WAYS, ALONE, PAIRS, JUDGE)  # the stages of each step of a diagnosis, after the base
@@ -27,6 +28,8 @@ class Told(str):
         What is known so far; "" before anything is.
     part : float
         Share of the stage that is done.
+    look : callable or None
+        Where the base is fitted: returns what is known by then, a `Diagnosis` without an effect.
     """
 
     what: str
@@ -36,6 +39,7 @@ class Told(str):
     of: int
     found: str
     part: float
+    look: Look | None = None
 
     def __new__(
         cls, what: str, stage: int = 1, stages: int = 1, done: int = 0, of: int = 0, found: str = "", part: float = 0.0
@@ -64,7 +68,9 @@ def inside(tell: Callable[[str], Any], before: int = 0, after: int = 0) -> Calla
         if not isinstance(now, Told):
             return tell(now)
         stage, stages = now.stage + before, now.stages + before + after
-        return tell(Told(now.what, stage, stages, now.done, now.of, now.found, now.part))
+        told = Told(now.what, stage, stages, now.done, now.of, now.found, now.part)
+        told.look = now.look
+        return tell(told)
 
     return retell
 
@@ -77,7 +83,12 @@ class Course:
 
     def __init__(self, tell: Callable[[str], Any], stages: Sequence[str]):
         self.tell, self.stages = tell, tuple(stages)
-        self.at, self.what, self.part, self.found = -1, "", 0.0, ""
+        self.at, self.what, self.part, self.found, self.asked = -1, "", 0.0, "", False
+
+    @property
+    def enough(self) -> bool:
+        """Whether a listener has returned True, and something was found: then nothing more is searched."""
+        return self.asked and bool(self.found)
 
     def reach(self, stage: str) -> None:
         """Begin the next stage of this name; where none is left, as in a round more than planned, the last goes on."""
@@ -88,7 +99,7 @@ class Course:
 
     def say(
         self, more: str = "", done: int = 0, of: int = 0, turn: int = 0, turns: int = 1,
-        found: Callable[[], str] = lambda: "",
+        found: Callable[[], str] = lambda: "", look: Look | None = None,
     ) -> None:  # fmt: skip
         """Tell how far a stage is: so many of so many, in this turn of so many; what is `found` by now, if anything."""
         now = None
@@ -96,5 +107,6 @@ class Course:
             self.part = max(self.part, min(1.0, (turn + done / max(1, of)) / turns))
             self.found = found() or self.found
             now = Told(f"{self.what}{more}", self.at + 1, len(self.stages), done, of, self.found, self.part)
-        if now is not None:
-            self.tell(now)
+            now.look = look
+        if now is not None and self.tell(now) is True:
+            self.asked = True

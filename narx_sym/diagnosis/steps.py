@@ -460,7 +460,7 @@ def as_one(names: Iterable[str], meanings: Mapping[str, str]) -> tuple[list[str]
     return list(first.values()), same
 
 
-def looped(base: Fitted, loop: Feedback, valves: Sequence[Sticking] = ()) -> Step:
+def looped(base: Fitted, loop: Feedback | None, valves: Sequence[Sticking] = ()) -> Step:
     """Return what is said where the input answers the output."""
     error = float(np.sqrt(base.mean_square(base.split.held)))
     return Step(base, "closed_loop", [], [], error, NO_FLOOR, 1.0, {}, [], loop=loop, valves=list(valves))

@@ -22,6 +22,7 @@ from .comparison import Units
 from .figures import describe
 from .panels.registry import Material, Part, panels
 
+SEARCHING = "Searching for what is missing ..."
 NOT_MADE = "<p>This part could not be made: please report it. What was found does not depend on it.</p>"
 
 
@@ -87,11 +88,12 @@ def material(
     files: Sequence[PathLike] = (),
     settings: Mapping[str, Any] | None = None,
     later: Diagnosis | None = None,
+    searching: bool = False,
 ) -> Material:
-    """Return what the parts are made of; see `sections`, and `Material` for `later`."""
+    """Return what the parts are made of; see `sections`, and `Material` for `later` and `searching`."""
     units = {"u": "", "y": ""} | said_first(diagnosis.units, units)
     now = later and words.with_units(later, units)
-    return Material(words.with_units(diagnosis, units), units, files, settings or {}, now)
+    return Material(words.with_units(diagnosis, units), units, files, settings or {}, now, searching)
 
 
 def _sections(of: Material, keys: Sequence[str] | None = None) -> list[Section]:
@@ -118,17 +120,17 @@ def _section(key: str, part: Part, of: Material) -> Section | None:
 
 def page(of: Material, framed: bool = False, keys: Sequence[str] | None = None) -> str:
     """Return the whole page, or some parts of it; in a frame without its name. `hero` shows the JSON that it holds."""
-    parts = _sections(of, keys)
+    parts = _sections(of, ["verdict"] if of.searching else keys)
     names = dict.fromkeys(r.name for r in of.diagnosis.steps[0].base.split.records)
+    headline = SEARCHING if of.searching else words.headline_with(of.diagnosis, of.lacking)
     script = data = ""
     with fenced("The script of the report"):
         script, data = hero.script(of), hero.data(of)
-    return str(
-        templates().get_template("page.html").render(
-            sections=parts, name=", ".join(names), headline=words.headline_with(of.diagnosis, of.lacking),
-            colours=describe.stylesheet(), style=style(), framed=framed, script=script, data=data,
-        )
-    )  # fmt: skip
+    template = templates().get_template("page.html")
+    return str(template.render(
+        sections=parts, name=", ".join(names), headline=headline, colours=describe.stylesheet(), style=style(),
+        framed=framed, script=script, data=data,
+    ))  # fmt: skip
 
 
 def write_report(

@@ -24,8 +24,9 @@ def with_unit(value: float, unit: str, digits: int = 3) -> str:
 def prefixed(unit: str, *values: float) -> tuple[float, str]:
     """Return a factor and a unit such as "mm", in which values [unit] are no small numbers; else 1 and the unit."""
     sizes = [abs(v) for v in values if v and isfinite(v)]
-    found, size = PREFIXED.fullmatch(unit), exp(sum(map(log, sizes)) / max(len(sizes), 1))
-    if not found or not sizes or size >= SMALL:
+    found = PREFIXED.fullmatch(unit)
+    size = max(exp(sum(map(log, sizes)) / len(sizes)), max(sizes) / 100) if sizes else 1.0
+    if not found or size >= SMALL:
         return 1.0, unit
     own = PREFIXES[found[1].translate(str.maketrans("uμ", "µµ"))]
     prefix = next((p for p, one in PREFIXES.items() if p != "c" and one <= size * own), "n")

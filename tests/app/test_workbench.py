@@ -18,7 +18,7 @@ import narx_sym as ns
 from narx_sym.app import command, workbench
 from narx_sym.app.choice import guessed, shortened
 from narx_sym.app.guard import Guard
-from narx_sym.app.workbench import Workbench
+from narx_sym.app.workbench import State, Workbench
 from narx_sym.app.worker import Outcome, Worker
 from narx_sym.cli import main as cli
 from narx_sym.files.store import to_text
@@ -304,25 +304,25 @@ def test_a_file_that_is_no_model_is_one_message(bench, content):
 
 @pytest.mark.long
 def test_a_state_comes_back_with_its_base_and_law_and_a_new_step_forgets_what_was_undone(climbed):
-    revisions, history = list(climbed.revisions), list(climbed.history.states)
+    revisions, states = climbed.state.revisions, list(climbed.states)
     climbed.run_law(first="3")
     climbed.wait()
-    law, run = climbed.law, climbed.run
+    law, run = climbed.state.law, climbed.state.run
     climbed.choose_base("static")
     climbed.diagnose()
     climbed.wait()
-    assert not climbed.error and len(climbed.revisions) == 1 and climbed.current is not revisions[0]
+    assert not climbed.error and len(climbed.state.revisions) == 1 and climbed.current is not revisions[0]
     climbed.undo()
-    assert climbed.revisions == revisions and climbed.law is law and climbed.base_name == "base.json"
+    assert climbed.state.revisions == revisions and climbed.state.law is law and climbed.base_name == "base.json"
     climbed.redo()
-    assert climbed.base == "static" and climbed.law is None and not climbed.busy
+    assert climbed.base == "static" and climbed.state.law is None and not climbed.busy
     climbed.go(1)
-    assert (climbed.law, climbed.run) == (law, run) and len(climbed.history.states) == len(history) + 1
+    assert (climbed.state.law, climbed.state.run) == (law, run) and len(climbed.states) == len(states) + 1
 
 
 @pytest.mark.long
 def test_a_term_given_as_text_is_fitted(climbed):
-    revisions = list(climbed.revisions)
+    revisions = climbed.state.revisions
     name = next(n for n, term in climbed.terms.items() if term == "y[k-2]")
     climbed.edit(name, "y[k-3]")
     climbed.wait()
@@ -331,18 +331,19 @@ def test_a_term_given_as_text_is_fitted(climbed):
     assert "y[k-3]" in climbed.ladder[-1]["name"]
     assert "<html" in climbed.download("report.html")[1]  # the report tells this way too
     climbed.undo()
-    assert climbed.revisions == revisions
+    assert climbed.state.revisions == revisions
 
 
 @pytest.mark.long
 def test_the_law_and_its_limits(climbed):
     climbed.run_law(first="3", low="-3", high="3", rate="0.5")
     climbed.wait()
-    assert not climbed.error and climbed.law.sources[".c"] and "m_{k}" in climbed.law.latex and climbed.law.lines
-    limited = climbed.law.sources[".c"]
+    law = climbed.state.law
+    assert not climbed.error and law.sources[".c"] and "m_{k}" in law.latex and law.lines
+    limited = climbed.state.law.sources[".c"]
     climbed.run_law(low="", high="", rate="")
     climbed.wait()
-    assert climbed.law.sources[".c"] != limited
+    assert climbed.state.law.sources[".c"] != limited
     for fields, wrong in (
         (("1", "", ""), {"high"}), (("2", "1", ""), {"high"}), (("a", "b", ""), {"low", "high"}), (("", "", "-1"), {"rate"}),
     ):  # fmt: skip
@@ -366,8 +367,8 @@ def test_references_of_every_kind(climbed):
         climbed.wait()
         assert not climbed.error, climbed.error
         size = {"measured": 300, "file": 9}.get(kind)
-        assert size is None or climbed.run.tracked.r.size == size
-    run = climbed.run
+        assert size is None or climbed.state.run.tracked.r.size == size
+    run = climbed.state.run
     for more, why in (
         ({"column": "nobody"}, "r.csv: no column 'nobody'|r.csv.*nobody"), ({"column": ""}, "which column"),
         ({"kind": "sine", "amplitude": ""}, "amplitude is missing"), ({"kind": "sine", "frequency": "1e9"}, "too fast"),
@@ -379,7 +380,7 @@ def test_references_of_every_kind(climbed):
         )
         climbed.wait()
         assert re.search(why, climbed.error), climbed.error
-        assert climbed.run is run and "\n" not in climbed.error and str(climbed.folder) not in climbed.error
+        assert climbed.state.run is run and "\n" not in climbed.error and str(climbed.folder) not in climbed.error
     climbed.upload_reference("r.exe", b"")
     assert "a file with columns" in climbed.error and climbed.wanted.file == "r.csv"
     climbed.wanted = before
@@ -390,7 +391,8 @@ def ready(bench, data):
     """A workbench with data and a model, of which nothing but that it is there is needed here."""
     u, y = (x[:300] for x in data)
     bench.upload("stage.csv", live.csv(u=u, y=y))
-    bench.revisions = [SimpleNamespace(model=ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.5]))]
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.5, 0.5])
+    bench.states, bench.at = [State((SimpleNamespace(model=model),))], 0
     return bench
 
 

@@ -125,7 +125,7 @@ def test_names_the_hidden_effect(files, diagnosed):
     text, err = diagnosed
     assert "Diagnosing ..." in err
     for expected in (
-        "one explanation fits", "Probably missing: dead zone", "mm rms", "+ dead zone", "noise floor", "Where the model fails",
+        "one explanation fits", "Probably missing: dead zone", "µm rms", "+ dead zone", "noise floor", "Where the model fails",
         "Detection limits", "dead zone *", "fit [%], validation", "Max(-0.",
     ):  # fmt: skip
         assert expected in text, text
@@ -139,7 +139,7 @@ def test_five_lines_first_and_the_same_data_and_seed_give_the_same_file(files, d
     text, _ = run.good(*arguments, "--json", files / "again.json")
     lines = text.splitlines()
     assert re.fullmatch(r"Dead zone is probably missing\. \(.+ %: one explanation fits\)", lines[0])
-    assert "falls from" in lines[1] and " mm" in lines[1] and "Probably missing: dead zone" in lines[2]
+    assert "falls from" in lines[1] and " µm" in lines[1] and "Probably missing: dead zone" in lines[2]
     (told,) = (line for line in lines if line.startswith("In physical units: half-width of the dead zone 0."))
     size = re.search(r"half-width of the dead zone (0\.[0-9]+) V", told)
     assert size and float(size[1]) == pytest.approx(DEAD, rel=0.02)

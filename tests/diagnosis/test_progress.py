@@ -104,3 +104,21 @@ def test_a_diagnosis_tells_its_stages_and_what_it_has_found(rounds):
     assert heard[0].what == BASE and heard[0].stage == 1 and len({h.stage for h in heard}) >= 4
     assert found.best.effect == "dead_zone" and "dead_zone removes" in heard[-1].found
     assert not any(h.found for h in heard if h.stage < 3)
+
+
+def test_a_search_may_be_ended_with_what_was_found():
+    """It is asked for from the first moment on; every effect by itself has a brief look, and the first one is enough."""
+    heard, looks = [], []
+
+    def listen(now):
+        heard.append(now)
+        looks.extend([now.look()] if now.look else [])
+        return True
+
+    found = diagnosed(report=listen)
+    assert found.best.effect == "dead_zone" and any("ended before every effect" in said for said in found.data_notes)
+    whole = []
+    diagnosed(report=whole.append)
+    assert len(heard) < len(whole) and heard[-1].found.count("%") == 1 < whole[-1].found.count("%")
+    (base,) = looks
+    assert not base.candidates and base.steps[0].base.model.core == found.steps[0].base.model.core

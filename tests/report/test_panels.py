@@ -109,7 +109,7 @@ def test_the_app_shows_what_is_still_missing_beside_what_was_added(stage_diagnos
     )
     text = page.page(of, framed=True)
     assert "Backlash added. No further effect can be detected" in text and "No effect of the catalogue" in text
-    assert "Nothing further found." in text and words.fall(of.diagnosis, STAGE_UNITS, whole=False) in text
+    assert "80 % of such records." in text and words.fall(of.diagnosis, STAGE_UNITS, whole=False) in text
     assert all(f'<section id="{key}"' in text for key in panels() if key != "experiment")
 
 

@@ -38,7 +38,7 @@ class LawTab:
             self.fields = Part(lambda: (bench.wanted.kind, bench.wanted.file), self.chosen)
             run = ui.button("Run the law", on_click=lambda: bench.run_law())
             run.props("no-caps unelevated").classes("main-button")
-            made = Part(lambda: (bench.law, bench.run), self.ran)
+            made = Part(lambda: (bench.state.law, bench.state.run), self.ran)
         # Each by itself: who has pressed a button stays where he is.
         self.parts = (self.fields, made)
         ui.timer(BEAT, self.look)
@@ -75,7 +75,7 @@ class LawTab:
 
     def ran(self) -> None:
         """Show the law, its run, and what to know of both."""
-        law, run = self.bench.law, self.bench.run
+        law, run = self.bench.state.law, self.bench.state.run
         if law is not None and law.why_not:
             said(f"There is no law: {law.why_not}").classes("verdict")
         elif law is not None:

@@ -73,12 +73,12 @@ class Page:
             self.parts += [Part(lambda: (bench.path,), self.data), Part(lambda: (bench.record,), self.samples)]
             self.parts += [
                 Part(lambda: bench.path, self.columns),
-                Part(lambda: (bench.base_name, bench.revisions[:1]), self.base),
+                Part(lambda: (bench.base_name, bench.state.revisions[:1]), self.base),
                 Part(lambda: (bench.current,), lambda: results.effects(bench)),
             ]
             self.history = ui.element("div")
             with self.history, section("Steps"):
-                seen = Part(lambda: (bench.history.at, len(bench.history.states), bench.current), self.steps)
+                seen = Part(lambda: (bench.at, len(bench.states), bench.current), self.steps)
             self.parts.append(seen)
 
     def steps(self) -> None:
@@ -91,7 +91,7 @@ class Page:
         with ui.element("div").classes("work"):
             self.parts += [
                 Part(lambda: bench.notes, self.notes),
-                Part(lambda: (bench.preview, bench.current is None), self.preview),
+                Part(lambda: (bench.preview, bench.current is None, bench.early), self.preview),
             ]
             self.tabs = ui.element("div")
             with self.tabs:
@@ -105,7 +105,7 @@ class Page:
     def shown(self, tab: str) -> Any:
         """Return what a tab depends on."""
         bench = self.bench
-        return (bench.current, bench.law, bench.run) if tab == "export" else (bench.current,)
+        return (bench.current, bench.state.law, bench.state.run) if tab == "export" else (bench.current,)
 
     def show(self) -> None:
         """Show what has something to show, and what may be pressed."""
@@ -228,7 +228,7 @@ class Page:
         choice, now = self.bench.choice, {name: field.value for name, field in self.fields.items()}
         now["units"] = {n: now.pop(f"unit {n}") for n in choice.units}
         changed = {name: value for name, value in now.items() if value != getattr(choice, name)}
-        if self.bench.history.states and changed and not await self.sure():
+        if self.bench.states and changed and not await self.sure():
             self.as_it_was()
         elif changed:
             await run.io_bound(self.bench.choose, **changed)
@@ -250,7 +250,7 @@ class Page:
 
     async def sure(self) -> bool:
         """Ask whether the diagnosis may go."""
-        count = len(self.bench.history.states)
+        count = len(self.bench.states)
         with ui.dialog().props('persistent transition-duration=0 aria-label="Change the data?"') as asked, ui.card():
             said(f"With other data, units or machine the diagnosis and its steps ({count}) are deleted.")
             with ui.element("div").classes("undo"):
@@ -274,7 +274,9 @@ class Page:
     def preview(self) -> None:
         """Show what was read, until there is more to see."""
         bench = self.bench
-        if bench.current is None and bench.record is not None:
+        if bench.early:
+            results.frame()
+        elif bench.current is None and bench.record is not None:
             with section("What was read"):
                 figure(bench.preview)
         elif bench.current is None:
@@ -285,13 +287,11 @@ class Page:
 
     def base(self) -> None:
         """Show the base, and the button that begins."""
-        bench = self.bench
+        bench, revisions = self.bench, self.bench.state.revisions
         with section("Base model"):
             options = {**BASES, **({"file": f"Model file {bench.base_name}"} if bench.base_name else {})}
             value = bench.base if isinstance(bench.base, str) else "file"
-            title = (
-                f"{bench.revisions[0].name.capitalize()}; choose another one" if bench.revisions else "A simple model"
-            )
+            title = f"{revisions[0].name.capitalize()}; choose another one" if revisions else "A simple model"
             with details(title, open_=bench.current is None):
                 with ui.element("div").props('role=group aria-label="Kind of base"'):
                     self.kinds = ui.radio(options, value=value, on_change=lambda event: self.based(event.value))
@@ -316,6 +316,8 @@ class Page:
                 self.bar = ui.linear_progress(0.0, show_value=False).props('indeterminate aria-label="Working"')
                 with ui.element("div").classes("done"):
                     self.count = said("")
+                    self.enough = ui.button("Take the best so far", on_click=self.bench.enough)
+                    self.enough.props("no-caps outline").set_visibility(False)
                     ui.button("Cancel", on_click=self.bench.cancel).props("no-caps outline")
 
     def tell(self) -> None:
@@ -325,6 +327,7 @@ class Page:
             self.doing.text, self.count.text = now[:1].upper() + now[1:], seconds
             return
         found = f" So far: {spaced(now.found)}." if now.found else ""
+        self.enough.set_visibility(bool(now.found) and now.stage < now.stages - 1)
         self.doing.text = f"Step {now.stage} of {now.stages}: {now.what}.{found}"
         self.count.text = f"{now.done} of {now.of}, {seconds}" if now.of else seconds
         self.bar.props(remove="indeterminate").set_value(max(self.bar.value, round(now.fraction, 3)))

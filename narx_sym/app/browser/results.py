@@ -27,6 +27,11 @@ def sight(bench: Workbench) -> None:
     """Show the report, in a frame that the page's script fills; what its button adds comes back here."""
     # The frame says it too; who uses a reader is led here.
     heading(bench.current.headline if bench.current else "", 2, "found").classes("visually-hidden")
+    frame()
+
+
+def frame() -> None:
+    """Make the place of a page of the report."""
     ui.html('<div data-live="live"></div>', sanitize=False)
 
 
@@ -64,10 +69,10 @@ def steps(bench: Workbench) -> None:
     """Show what was done with the validation error that is left; each state may be shown again."""
     said("Validation error after each step. Click, or Ctrl+Z and Ctrl+Y: back and forth.").classes("hint")
     with ui.element("ol").classes("steps"):
-        for i, state in enumerate(bench.history.states):
-            with ui.element("li").classes("undone" if i > bench.history.at else ""):
-                now = i == bench.history.at
-                text = f"{spaced(state.name)}: {sized(state.error, bench.known['y'])}"
+        for i, state in enumerate(bench.states):
+            with ui.element("li").classes("undone" if i > bench.at else ""):
+                now, last = i == bench.at, state.revisions[-1]
+                text = f"{spaced(last.name)}: {sized(last.errors['validation_rms'], bench.known['y'])}"
                 made = ui.button(text, on_click=partial(bench.go, i)).props("no-caps flat dense align=left")
                 made.props('aria-current="step"' if now else "").classes("step")
 

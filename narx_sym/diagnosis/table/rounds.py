@@ -237,6 +237,8 @@ class Table:
         count = len(shapes) + TOGETHER
         for done, (variant, points) in enumerate(shapes.items()):
             tell(done, count)
+            if self.course.enough:
+                break
             search.limits[variant] = line.ranges(variant)
             looks.append(search.look(bases, variant, points, first))
             search.rest()
@@ -253,6 +255,8 @@ class Table:
                 search.forget(rows[0].hypothesis)
         for done, forms in enumerate(chosen, len(shapes)):
             tell(min(done, count), count)
+            if self.course.enough:
+                break
             closer = sorted((self._placed(bases, form) for form in forms), key=leading)
             for rows in closer:
                 self._cores[rows[0].hypothesis.effects, rows[0].hypothesis.core.given] = rows

@@ -30,6 +30,8 @@ class Material:
     settings : mapping of what else was chosen
     later : Diagnosis, optional
         Of what the last model still lacks, where a user adds one effect after the other.
+    searching : bool
+        Whether effects are still searched: then only the errors and pictures of the base are shown.
     """
 
     diagnosis: Diagnosis
@@ -37,6 +39,7 @@ class Material:
     files: Sequence[PathLike] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     later: Diagnosis | None = None
+    searching: bool = False
 
     @property
     def lacking(self) -> Diagnosis:

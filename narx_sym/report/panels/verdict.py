@@ -64,6 +64,8 @@ def explains(found: Portrait) -> str:
 
 def pictures(material: Material) -> list[Picture]:
     """Return what was found for paper: the valve, where the record is of one, else where the error is largest."""
+    if material.searching:
+        return []
     valves = material.diagnosis.steps[0].valves
     if not valves:
         found, last = material.once(hero.missing), material.diagnosis.rungs
@@ -88,18 +90,23 @@ def pictures(material: Material) -> list[Picture]:
 def verdict(material: Material) -> dict[str, Any]:
     """Tell the first screen: the same numbers as `hero.told` gives the page's script."""
     d, now, units = material.diagnosis, material.lacking, material.units
+    found = material.once(hero.missing)
+    seen = {
+        "searching": material.searching, "told": material.once(hero.told), "bars": bars(material),
+        "explains": explains(found) if found else "", "valves": d.steps[0].valves, "keys": hero.keys(material),
+    }  # fmt: skip
+    if material.searching:
+        return seen
     shown = now if now.last is not None or d.last is None else d  # what may be added, else what was
     known = physical(shown, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
-    found = material.once(hero.missing)
-    return {
+    return seen | {
         "badge": SURE if now.steps[0].finding == "nothing_detectable" else words.badge(now),
         "sizes": sizes(shown, units, known), "fall": words.fall(shown, units, whole=False) or left(shown, units),
-        "bars": bars(material), "linear": "; ".join(quantities(known, False)), "lamp": lamp(material),
+        "linear": "; ".join(quantities(known, False)), "lamp": lamp(material),
         "of": words.spaced(" ".join(d.rungs)),
         "next": words.what_next(now), "notes": [*(f.sentence for f in now.faults), *now.data_notes],
-        "why": words.without_ids(now.sentence(units)), "told": material.once(hero.told),
-        "explains": explains(found) if found else "", "valves": d.steps[0].valves,
-        "steps": [words.without_ids(s.sentence(units)) for s in now.steps[1:]], "keys": hero.keys(material),
+        "why": words.without_ids(now.sentence(units)),
+        "steps": [words.without_ids(s.sentence(units)) for s in now.steps[1:]],
     }  # fmt: skip
 
 
@@ -108,7 +115,7 @@ def quantities(known: Continuous | str, effects: bool) -> list[str]:
     if isinstance(known, str):
         return []
     own = [q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects]
-    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", r" (95\u00a0%: \1 to \2)", text) for text in own]
+    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", " (95\u00a0%: \\1 to \\2)", text) for text in own]
 
 
 def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
