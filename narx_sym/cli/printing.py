@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 PACE = 2.0  # seconds between lines of progress where there is no terminal
 FEW = 3  # effects shown from either end of the sizes that would have been seen
 MARK = "*"
-WIDEST = 10_000  # columns of no terminal: what a table needs so that no word is cut
 
 
 def console(stderr: bool = False) -> Any:
@@ -85,7 +84,6 @@ def say_written(*files: tuple[str, Any]) -> None:
 
 def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
     """Print a table on stdout; one line for each row where the terminal would cut numbers or words."""
-    from rich.console import Console
     from rich.markup import escape  # "y[k-1]" is not a style
     from rich.table import Table
 
@@ -96,8 +94,10 @@ def table(title: str, columns: list[str], rows: list[list[Any]]) -> None:
     for row in said:
         shown.add_row(*row)
     out = console()
-    if Console(width=WIDEST).measure(shown).minimum <= out.width:
+    with out.capture() as drawn:
         out.print(shown)
+    if "…" not in drawn.get():  # no word is cut
+        out.file.write(drawn.get())
         return
     out.print(f"[italic]{escape(title)}[/italic]")
     for first, *rest in said:
@@ -256,11 +256,11 @@ def print_detectable(step: Any, units: dict[str, str]) -> None:
 
     sizes = step.unseen
     shown = sizes if len(sizes) <= 2 * FEW else [*sizes[:FEW], ("...", None), *sizes[-FEW:]]
-    spread = step.base.problem.spread
+    spread, beside = step.base.problem.spread, step.errors(step.base)["validation"].free_run_rms
     rows = [
         [words(n), "", "" if v is None else "> 100 %"]
         if v is None or v >= spread
-        else [words(n), sized(v, units.get("y", "")), f"{100 * v / spread:.2g} %"]
+        else [words(n), sized(v, units.get("y", ""), beside=beside), f"{100 * v / spread:.2g} %"]
         for n, v in shown
     ]
     if rows:

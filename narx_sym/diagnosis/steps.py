@@ -290,19 +290,20 @@ class Step:
 
     def sentence(self, units: Mapping[str, str]) -> str:  # noqa: C901, PLR0911, PLR0912
         """Return the verdict in plain words."""
-        unit, error = units.get("y", ""), self.errors(self.base)["validation"]
+        error = self.errors(self.base)["validation"]
+        told = partial(sized, unit=units.get("y", ""), beside=error.free_run_rms)
         percent = float(f"{100 * error.free_run_nrmse:.3g}")
-        sizes = f"The error on {self.trial.described} is {sized(error.free_run_rms, unit)} rms "
+        sizes = f"The error on {self.trial.described} is {told(error.free_run_rms)} rms "
         sizes += f"({percent:g} % of the standard deviation of the output)"
         if self.verdict == "nothing_detectable":
             if self.follows_nothing:
                 return f"The base model does not follow the output, so it cannot show which effect is missing. {sizes}."
             if self.one_step:
                 return f"{ONE_STEP} {sizes}."
-            shown = ", ".join(f"{words(name)} {sized(size, unit, 2)}" for name, size in self.unseen[:3])
+            shown = ", ".join(f"{words(name)} {told(size, digits=2)}" for name, size in self.unseen[:3])
             would = f"; the smallest detectable effects are {shown} rms" if shown else ""
             if self.unexplained:
-                sizes += f"; the sensor's noise, if white, is about {sized(self.sensor, unit)}, {self.unexplained}"
+                sizes += f"; the sensor's noise, if white, is about {told(self.sensor)}, {self.unexplained}"
             if self.trace or self.unexplained:
                 return f"{self.trace or 'No effect of the catalogue explains the remaining error.'} {sizes}{would}."
             return f"No missing effect can be detected in these data. {sizes}{would}."
@@ -312,9 +313,9 @@ class Step:
                 said += ["Valve stiction is only checked for an input in percent of its span, as a fraction, or in mA."]
             return " ".join(said)
         more = self.verdict in ("outside_library", "helps_but_incomplete") and self.floor_kind != REPEATED
-        sizes += f"; the noise floor is {'at most' if more else 'about'} {sized(self.floor, unit)}"
+        sizes += f"; the noise floor is {'at most' if more else 'about'} {told(self.floor)}"
         if self.sensor and self.sensor <= self.floor:  # what is more than a model leaves is no noise
-            alone = f"sensor noise alone {sized(self.sensor, unit)}"
+            alone = f"sensor noise alone {told(self.sensor)}"
             sizes += f" ({alone if self.sensor < self.floor else 'all of it sensor noise'})"
         if self.refused is not None:
             return f"{self.refusal(units)} {sizes}."
@@ -348,7 +349,7 @@ class Step:
             text += f"{name}, {others}. {sizes}. "
             if BASE in self.confusion_set:
                 names = f"{name} or {others}" if others else name
-                sizes += f"; a linear base model alone leaves {sized(self.linear, unit)}" if self.linear else ""
+                sizes += f"; a linear base model alone leaves {told(self.linear)}" if self.linear else ""
                 text = (
                     f"Perhaps missing: {names}; at one speed it cannot be distinguished from the dynamics of a "
                     f"linear base model. {sizes}. "
@@ -379,13 +380,12 @@ class Step:
 
     def moves(self, fitted: Fitted, units: Mapping[str, str]) -> list[tuple[str, str]]:
         """Return how the error of a model moves from that of the base: on the record, then on validation data."""
-        unit = units.get("y") or "(unit of y)"
         pairs = [(self.errors(self.base)[p].free_run_rms, self.errors(fitted)[p].free_run_rms) for p in PARTS]
+        factor, unit = prefixed(units.get("y", ""), pairs[1][0])
         told = []
         for a, b in pairs:
-            factor, label = prefixed(unit, a, b)
             digits = 3 if few(a) != few(b) else 5
-            sizes = f"from {few(factor * a, digits)} to {few(factor * b, digits)} {label}"
+            sizes = f"from {few(factor * a, digits)} to {few(factor * b, digits)} {unit}".rstrip()
             told.append(("falls" if b < a else "rises", sizes))
         return told
 

@@ -223,7 +223,6 @@ def told(material: Material) -> dict[str, Any]:
     axis = {"error": "error", "rate": "rate of the output"}
     known = {driving: units.get(driving, ""), output: units.get(output, "")}
     known |= {"error": known[output], "rate": known[output] and f"{known[output]}/s"}
-    sizes = [one.errors[f"{part}_rms"] for one in listed for part in PARTS] + [d.floor] * has_floor(d)
     return {
         "n": n, "t0": float(record.t[0]), "Ts": float(record.Ts), "steps": STEPS, "whole": len(record),
         "signals": [packed(np.asarray(every[name][:n])) for name in names],
@@ -235,7 +234,7 @@ def told(material: Material) -> dict[str, Any]:
         "worst": [min(c.worst.start, n - 1), min(c.worst.stop, n)],
         "stretch": [min(c.periods.start, n - 1), min(c.periods.stop, n)], "rate": width,
         "axes": [headed(axis.get(name, name), known[name]) for name in known],
-        "units": [known[driving], known[output]], "prefix": prefixed(known[output], *sizes),
+        "units": [known[driving], known[output]], "prefix": prefixed(known[output], d.ladder[0]["validation_rms"]),
         "portrait": _portrait(material, listed), "law": law and reference(law, listed, c),
     }  # fmt: skip
 

@@ -288,10 +288,10 @@ def fall(diagnosis: Diagnosis, units: Units, whole: bool = True) -> str:
     if last is None:
         return ""
     (one, before), (two, after) = first.moves(last, units)
-    unit = units.get("y") or "(unit of y)"
-    floor = f", at the noise floor of {sized(diagnosis.floor, unit)}" if _at_floor(diagnosis) else ""
-    part = "validation_rms"
-    share = abs(1 - diagnosis.ladder[-1][part] / diagnosis.ladder[0][part])
+    before_all, after_all = (diagnosis.ladder[i]["validation_rms"] for i in (0, -1))
+    floor = sized(diagnosis.floor, units.get("y", ""), beside=before_all)
+    floor = f", at the noise floor of {floor}" if _at_floor(diagnosis) else ""
+    share = abs(1 - after_all / before_all)
     size = f" ({percent(share)} {'less' if two == 'falls' else 'more'})"
     rest = f"; on the whole record it {one} {before}" if whole else ""
     return f"The error on {diagnosis.validation} {two} {after}{size}{floor}{rest}."
@@ -308,9 +308,9 @@ def detectable(step: Step, units: Units) -> list[Row]:
 
     What was found is none of them, and beyond the whole output no size is said.
     """
-    spread = step.base.problem.spread
+    spread, beside = step.base.problem.spread, step.errors(step.base)["validation"].free_run_rms
     said = [
-        (n, sized(s, units.get("y", ""), 2), percent(s / spread)) if s < spread else (n, "", "> 100 %")
+        (n, sized(s, units.get("y", ""), 2, beside), percent(s / spread)) if s < spread else (n, "", "> 100 %")
         for n, s in step.unseen
     ]
     return [{"effect": spaced(n), "size": size, "share": share} for n, size, share in said]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from math import exp, isfinite, log
 
 PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
 # A unit that takes a prefix, to the power of one, in front of what else there is.
 PREFIXED = re.compile(r"([GMkcmuµμn]?)((?:m|s|V|A|W|N|Nm|J|Pa|bar|Hz|K|rad|Ω)(?![\w²³^*-]).*)")
 SMALL = 0.1  # a smaller number is told with a smaller prefix
+FAR = 1e-3  # a smaller number is not told with the prefix of a larger one
 
 
 def few(value: float, digits: int = 3) -> str:
@@ -21,19 +21,19 @@ def with_unit(value: float, unit: str, digits: int = 3) -> str:
     return f"{few(value, digits)} {unit}".rstrip()
 
 
-def prefixed(unit: str, *values: float) -> tuple[float, str]:
-    """Return a factor and a unit such as "mm", in which values [unit] are no small numbers; else 1 and the unit."""
-    sizes = [abs(v) for v in values if v and isfinite(v)]
-    found = PREFIXED.fullmatch(unit)
-    size = max(exp(sum(map(log, sizes)) / len(sizes)), max(sizes) / 100) if sizes else 1.0
-    if not found or size >= SMALL:
+def prefixed(unit: str, value: float) -> tuple[float, str]:
+    """Return a factor and a unit such as "mm", in which a value [unit] is no small number; else 1 and the unit."""
+    found, size = PREFIXED.fullmatch(unit), abs(value)
+    if not found or not 0 < size < SMALL:
         return 1.0, unit
     own = PREFIXES[found[1].translate(str.maketrans("uμ", "µµ"))]
     prefix = next((p for p, one in PREFIXES.items() if p != "c" and one <= size * own), "n")
     return own / PREFIXES[prefix], prefix + found[2]
 
 
-def sized(value: float, unit: str, digits: int = 3) -> str:
-    """Return a size with its unit, in the SI prefix that suits it."""
-    factor, label = prefixed(unit, value)
+def sized(value: float, unit: str, digits: int = 3, beside: float = 0.0) -> str:
+    """Return a size with its unit, in the SI prefix that suits it, or the size beside it where that is not far."""
+    factor, label = prefixed(unit, beside or value)
+    if abs(factor * value) < FAR:
+        factor, label = prefixed(unit, value)
     return with_unit(factor * value, label, digits)

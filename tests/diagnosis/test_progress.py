@@ -102,7 +102,7 @@ def test_a_diagnosis_tells_its_stages_and_what_it_has_found(rounds):
     assert fractions == sorted(fractions) and 0 <= fractions[0] and fractions[-1] <= 1
     assert {h.stages for h in heard} == {1 + len(ROUND) * rounds} and all(h.done <= h.of for h in heard)
     assert heard[0].what == BASE and heard[0].stage == 1 and len({h.stage for h in heard}) >= 4
-    assert found.best.effect == "dead_zone" and "dead_zone removes" in heard[-1].found
+    assert found.best.effect == "dead_zone" and "dead zone removes" in heard[-1].found
     assert not any(h.found for h in heard if h.stage < 3)
 
 

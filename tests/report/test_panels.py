@@ -19,7 +19,7 @@ from narx_sym.report.panels import registry
 from narx_sym.report.panels.registry import Material, panels
 from narx_sym.report.picture import Picture
 from narx_sym.report.words import number
-from narx_sym.symbolic.numbers import few, prefixed, sized
+from narx_sym.symbolic.numbers import few, sized
 
 # Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
 CASES = {
@@ -231,8 +231,9 @@ def test_a_small_size_takes_a_prefix_where_its_unit_has_one(value, unit, said):
     assert sized(value, unit) == said
 
 
-def test_sizes_that_are_compared_share_a_prefix():
-    assert prefixed("m", 0.3, 2e-6) == (1e3, "mm") and prefixed("m", 0.0, 0.3) == (1.0, "m")
+def test_sizes_that_are_compared_share_a_prefix_where_they_are_not_far():
+    assert sized(5e-6, "m", beside=4e-3) == "0.005 mm" and sized(2e-9, "m", beside=4e-3) == "2 nm"
+    assert sized(0.01, "mm", beside=0.2) == "0.01 mm"
 
 
 LEFT = "The remaining error is larger", "more error than noise", "a disturbance of the machine"

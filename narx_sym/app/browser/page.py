@@ -14,7 +14,6 @@ from ...diagnosis.progress import Told
 from ...models.effects import MACHINES
 from ...report.figures.describe import stylesheet
 from ...report.page import style
-from ...report.words import spaced
 from ..choice import MISSING
 from ..workbench import Workbench
 from . import results
@@ -326,7 +325,7 @@ class Page:
         if not isinstance(now, Told):
             self.doing.text, self.count.text = now[:1].upper() + now[1:], seconds
             return
-        found = f" So far: {spaced(now.found)}." if now.found else ""
+        found = f" So far: {now.found}." if now.found else ""
         self.enough.set_visibility(bool(now.found) and now.stage < now.stages - 1)
         self.doing.text = f"Step {now.stage} of {now.stages}: {now.what}.{found}"
         self.count.text = f"{now.done} of {now.of}, {seconds}" if now.of else seconds

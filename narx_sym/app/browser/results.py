@@ -72,7 +72,8 @@ def steps(bench: Workbench) -> None:
         for i, state in enumerate(bench.states):
             with ui.element("li").classes("undone" if i > bench.at else ""):
                 now, last = i == bench.at, state.revisions[-1]
-                text = f"{spaced(last.name)}: {sized(last.errors['validation_rms'], bench.known['y'])}"
+                first, error = (one.errors["validation_rms"] for one in (state.revisions[0], last))
+                text = f"{spaced(last.name)}: {sized(error, bench.known['y'], beside=first)}"
                 made = ui.button(text, on_click=partial(bench.go, i)).props("no-caps flat dense align=left")
                 made.props('aria-current="step"' if now else "").classes("step")
 

@@ -14,7 +14,7 @@ from ...engines.algebra import filtered
 from ...fit.bases.integrating import DRIVEN, drives, poles, slowest
 from ...models.extend import Variant
 from ...symbolic.identities import added
-from ..bases import joined
+from ..bases import joined, spaced
 from ..settings import FORGOTTEN, OF_FEW, RIVALS
 from .frame import Frame
 from .hypotheses import Core, Hypothesis, filters, slopes
@@ -265,7 +265,7 @@ def so_far(rows: Iterable[Row], base: Row) -> str:
     """Return in words what the best of some rows do to the error of a base; "" where none lessens it."""
     found: dict[str, float] = {}
     for row in sorted((r for r in rows if r.beyond(base) and r.held < base.held), key=lambda r: r.price):
-        found.setdefault(joined(v.id for v in row.beyond(base)), 1 - row.held / base.held)
+        found.setdefault(joined(spaced(v.id) for v in row.beyond(base)), 1 - row.held / base.held)
     (best, most), *rest = [*found.items()][:RIVALS] or [("", 0.0)]
     verb, more = "remove" if " and " in best else "removes", [f", {names} {100 * one:.0f} %" for names, one in rest]
     return f"{best} {verb} {100 * most:.0f} % of the squared error{''.join(more)}" * bool(best)

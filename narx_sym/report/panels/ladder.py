@@ -46,7 +46,7 @@ def ladder(material: Material) -> dict[str, Any]:
     rows = [{"name": n, **r} for n, r in zip(d.rungs, d.ladder, strict=True)]
     if has_floor(d):
         rows.append({"name": "noise floor", "train": None, "validation": d.floor / spread, "validation_rms": d.floor})
-    factor, unit = prefixed(material.units.get("y", ""), *(row["validation_rms"] for row in rows))
+    factor, unit = prefixed(material.units.get("y", ""), d.ladder[0]["validation_rms"])
     return {
         "rungs": rows, "factor": factor, "unit": unit, "kind": d.steps[0].floor_kind, "protocol": PROTOCOL,
         "validation": d.validation, "csv": picture(d, material.units).csv,

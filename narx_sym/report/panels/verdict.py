@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ...data.evidence.stiction import worst_valve
@@ -132,13 +133,15 @@ def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
     if fitting or first.finding != "nothing_detectable" or not first.unseen:
         told = [f"{words.spaced(c.effect)}: {candidate_parameters(c, units)}" for c in fitting if first.refused is None]
         return told or ["not known: no effect is confirmed"]
-    ends = [f"{sized(size, unit, 2)} rms ({words.spaced(n)})" for n, size in first.unseen]
+    rms = partial(sized, unit=unit, digits=2, beside=d.ladder[0]["validation_rms"])
+    ends = [f"{rms(size)} rms ({words.spaced(n)})" for n, size in first.unseen]
     return [f"below its detection limit, {ends[0]} to {ends[-1]}"]
 
 
 def left(d: Diagnosis, units: Units) -> str:
     """Say how large the error is where nothing was added."""
-    return f"{sized(d.ladder[-1]['validation_rms'], units.get('y', ''))} rms; nothing was added."
+    sizes = [one["validation_rms"] for one in d.ladder]
+    return f"{sized(sizes[-1], units.get('y', ''), beside=sizes[0])} rms; nothing was added."
 
 
 def lamp(material: Material) -> tuple[str, str]:
