@@ -63,6 +63,10 @@ class _Latex(LatexPrinter):
             return rf"q^{{{self._print(expr.exp)}}}"
         return str(super()._print_Pow(expr))
 
+    def _print_ExpBase(self, expr: Any, exp: Any = None) -> str:  # beside a parameter e
+        shown = rf"\exp\left({self._print(expr.args[0])}\right)"
+        return rf"{shown}^{{{exp}}}" if exp else shown
+
     def _print_sign(self, expr: Any, exp: Any = None) -> str:
         shown = rf"\operatorname{{sign}}\left({self._print(expr.args[0])}\right)"
         return rf"{shown}^{{{exp}}}" if exp else shown
