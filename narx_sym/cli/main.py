@@ -97,10 +97,10 @@ def fit(
             for_compensation=for_compensation,
         )  # fmt: skip
         return
-    with working(f"Identifying from {sum(len(r) for r in measured)} samples"):
+    with working(f"Identifying from {sum(len(r) for r in measured)} samples") as progress:
         model = fit_equations(own, measured) if own else identify(
             measured, base=base, n_y=n_y, n_u=n_u, degree=degree, delay=delay, for_compensation=for_compensation,
-            method=method, creep=creep,
+            method=method, creep=creep, report=progress,
         )  # fmt: skip
         if points is not None:
             model = with_steady_state(model, measured, points, 1.0 if weight is None else weight)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -99,6 +99,7 @@ def identify(  # noqa: PLR0913
     plays: int = PLAYS,
     knots: int = KNOTS,
     creep: bool = False,
+    report: Callable[[str], Any] = lambda what: None,
 ) -> Model:
     """Identify a model from measurements: choose its structure and fit its parameters.
 
@@ -134,6 +135,8 @@ def identify(  # noqa: PLR0913
         With `play`: number of plays, and of breakpoints of the curve.
     creep : bool
         With `play`: whether creep (a slow part of the motion) is fitted too.
+    report : callable
+        With `narx`: receives a text before each fit, as `report=print` does.
 
     Returns
     -------
@@ -171,6 +174,7 @@ def identify(  # noqa: PLR0913
         options: dict[str, Any] = {
             "n_y": n_y, "n_u": n_u, "degree": degree, "delay": delay, "for_compensation": for_compensation,
             "rate_independent": rate_independent, "method": method, "point": point, "creep": creep,
+            "report": report,
         }  # fmt: skip
         return choose_base(listed, lambda name, some, size: identify(some, base=name, **options, **size))
     inputs, found = [name for name in inputs if name not in own], {}
@@ -194,6 +198,7 @@ def identify(  # noqa: PLR0913
             accept=(lambda model: stable_law(model, listed)) if for_compensation else None,
             # The term that the law divides by must be there, whatever ERR thinks of it.
             first=[phi1[k - delay]] if for_compensation and phi1[k - delay] in candidates.terms else (),
+            report=report,
         )  # fmt: skip
         model = _finish(chosen, len(candidates))
         if for_compensation:

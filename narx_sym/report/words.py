@@ -68,7 +68,7 @@ def badge(diagnosis: Diagnosis) -> str:
         said += ["others explain as much"] * bool(pair.rivals) + ["something else is missing too"] * (not pair.all)
     if first.finding == "valve" and (valve := worst_valve(first.valves)).band:
         said += [f"which explains {percent(1 - valve.left)} of the squared error"]
-    if first.finding in ("named", "two_effects", "helps_but_incomplete"):
+    if first.finding == "helps_but_incomplete":
         said += ["uncertain because the input is a single sine"] * _one_sine(first)
     return ", ".join(filter(None, said))
 
@@ -166,10 +166,11 @@ def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
             f"with {joined(map(spaced, moved))} the error {record} on the record and {validation} on validation "
             "data, so nothing is added."
         )
+    sine = "; a single sine cannot distinguish similar effects" if _one_sine(first) else ""
     if first.pair is not None:
         names = list(map(spaced, first.told(*first.pair.effects)))
         missing = f"{first.pair.counted} are probably missing" if len(names) > 1 else "Probably missing"
-        return f"{missing}: {joined(names)}."
+        return f"{missing}: {joined(names)}{sine}."
     names = list(map(spaced, first.told(*first.confusion_set)))
     if first.verdict == "helps_but_incomplete":
         listed = [n for n in names if n != BASE] or [spaced(first.told(first.candidates[0].effect)[0])]
@@ -179,7 +180,7 @@ def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
         return begun(found)
     if first.verdict == "confused":
         return begun(f"{', '.join(names[:-1])} or {names[-1]} is probably missing; these data cannot decide which.")
-    return f"{begun(names[0])} is probably missing."
+    return f"{begun(names[0])} is probably missing{sine}."
 
 
 def headline_with(added: Diagnosis, now: Diagnosis) -> str:

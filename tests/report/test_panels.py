@@ -166,6 +166,17 @@ def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
     assert sentence.endswith("a with drift, or b with drift, or c with drift, or one of 1 more.") and not sure
 
 
+def test_a_single_sine_is_in_the_headline(stage_diagnosis):
+    record = stage_diagnosis.steps[0].base.split.records[0]
+    sine = replace(record, u=np.sin(2 * np.pi * 1.3 * record.t))
+    base = stage_diagnosis.steps[0].base
+    first = replace(stage_diagnosis.steps[0], verdict="named", confusion_set=["backlash"])
+    assert words.headline(replace(stage_diagnosis, steps=[first])) == "Backlash is probably missing."
+    alone = replace(first, base=replace(base, split=replace(base.split, records=[sine])))
+    said = words.headline(replace(stage_diagnosis, steps=[alone]))
+    assert said == "Backlash is probably missing; a single sine cannot distinguish similar effects."
+
+
 def test_two_effects_that_leave_more_than_noise_are_not_all(stage_diagnosis):
     first = stage_diagnosis.steps[0]
     pair = Pair(("backlash", "creep"), first.chosen, 0.9, all=False)

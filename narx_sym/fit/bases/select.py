@@ -182,6 +182,7 @@ def select(
     frame: Model | None = None,
     accept: Callable[[Model], bool] | None = None,
     first: Sequence[Any] = (),
+    report: Callable[[str], Any] = lambda what: None,
 ) -> Selection:
     """Choose the terms of a NARX model by the error reduction ratio (ERR), and fit it.
 
@@ -207,6 +208,8 @@ def select(
         With the criterion `free_run`: models for which it returns False are only chosen if there is no other.
     first : list of terms
         Terms that are chosen before all others.
+    report : callable
+        Receives a text before each fit.
 
     Returns
     -------
@@ -235,6 +238,7 @@ def select(
     constraints = ("continuum",) if continuum else ()
 
     def fitted(n: int, how: str) -> Model:
+        report(f"fitting {n} of at most {len(path.order)} terms")
         picks = [candidates[i] for i in path.order[:n]]
         terms = [*always, *(t for p in picks for t in (p.args if p.is_Add else (p,)))]
         terms = list(dict.fromkeys(-t if t.could_extract_minus_sign() else t for t in terms))
