@@ -8,6 +8,7 @@ from typing import Any
 from ..files.telling import fenced
 
 Look = Callable[[], Any]
+Removed = tuple[tuple[str, float], ...]
 BASE, WAYS, ALONE = "fitting the base and its delay", "deriving the response to each effect", "trying each effect alone"
 PAIRS, JUDGE = "trying pairs of effects", "validating what was found"
 ROUND = (WAYS, ALONE, PAIRS, JUDGE)  # the stages of each step of a diagnosis, after the base
@@ -24,8 +25,10 @@ class Told(str):
         Which stage of how many, from 1.
     done, of : int
         How many of how many within the stage; 0 of 0 where that is not known.
+    removed : tuple of pairs
+        The best effects by now in words, each with the share of the squared error that it removes.
     found : str
-        What is known so far; "" before anything is.
+        The same as a text; "" before anything is known.
     part : float
         Share of the stage that is done.
     look : callable or None
@@ -37,23 +40,27 @@ class Told(str):
     stages: int
     done: int
     of: int
+    removed: Removed
     found: str
     part: float
     look: Look | None = None
 
     def __new__(
-        cls, what: str, stage: int = 1, stages: int = 1, done: int = 0, of: int = 0, found: str = "", part: float = 0.0
-    ) -> Told:
+        cls, what: str, stage: int = 1, stages: int = 1, done: int = 0, of: int = 0, removed: Removed = (),
+        part: float = 0.0,
+    ) -> Told:  # fmt: skip
         """Put the text together."""
         count = f", {done} of {of}" if of else ""
+        listed = [f"{name} {'' if i else 'removes '}{100 * share:.0f} %" for i, (name, share) in enumerate(removed)]
+        found = ", ".join([f"{one} of the squared error" for one in listed[:1]] + listed[1:])
         more = f" (so far: {found})" if found else ""
         made = super().__new__(cls, f"Step {stage} of {stages}: {what}{count}{more}")
         made.what, made.stage, made.stages, made.done, made.of = what, stage, stages, done, of
-        made.found, made.part = found, part
+        made.removed, made.found, made.part = removed, found, part
         return made
 
     def __getnewargs__(self) -> tuple[Any, ...]:
-        return self.what, self.stage, self.stages, self.done, self.of, self.found, self.part
+        return self.what, self.stage, self.stages, self.done, self.of, self.removed, self.part
 
     @property
     def fraction(self) -> float:
@@ -68,7 +75,7 @@ def inside(tell: Callable[[str], Any], before: int = 0, after: int = 0) -> Calla
         if not isinstance(now, Told):
             return tell(now)
         stage, stages = now.stage + before, now.stages + before + after
-        told = Told(now.what, stage, stages, now.done, now.of, now.found, now.part)
+        told = Told(now.what, stage, stages, now.done, now.of, now.removed, now.part)
         told.look = now.look
         return tell(told)
 
@@ -83,12 +90,13 @@ class Course:
 
     def __init__(self, tell: Callable[[str], Any], stages: Sequence[str]):
         self.tell, self.stages = tell, tuple(stages)
-        self.at, self.what, self.part, self.found, self.asked = -1, "", 0.0, "", False
+        self.at, self.what, self.part, self.asked = -1, "", 0.0, False
+        self.removed: Removed = ()
 
     @property
     def enough(self) -> bool:
         """Whether a listener has returned True, and something was found: then nothing more is searched."""
-        return self.asked and bool(self.found)
+        return self.asked and bool(self.removed)
 
     def reach(self, stage: str) -> None:
         """Begin the next stage of this name; where none is left, as in a round more than planned, the last goes on."""
@@ -99,14 +107,14 @@ class Course:
 
     def say(
         self, more: str = "", done: int = 0, of: int = 0, turn: int = 0, turns: int = 1,
-        found: Callable[[], str] = lambda: "", look: Look | None = None,
+        found: Callable[[], Removed] = lambda: (), look: Look | None = None,
     ) -> None:  # fmt: skip
         """Tell how far a stage is: so many of so many, in this turn of so many; what is `found` by now, if anything."""
         now = None
         with fenced("Progress"):
             self.part = max(self.part, min(1.0, (turn + done / max(1, of)) / turns))
-            self.found = found() or self.found
-            now = Told(f"{self.what}{more}", self.at + 1, len(self.stages), done, of, self.found, self.part)
+            self.removed = found() or self.removed
+            now = Told(f"{self.what}{more}", self.at + 1, len(self.stages), done, of, self.removed, self.part)
             now.look = look
         if now is not None and self.tell(now) is True:
             self.asked = True

@@ -120,7 +120,7 @@ def _section(key: str, part: Part, of: Material) -> Section | None:
 
 def page(of: Material, framed: bool = False, keys: Sequence[str] | None = None) -> str:
     """Return the whole page, or some parts of it; in a frame without its name. `hero` shows the JSON that it holds."""
-    parts = _sections(of, ["verdict"] if of.searching else keys)
+    parts = _sections(of, hero.FRAMED if of.searching else keys)
     names = dict.fromkeys(r.name for r in of.diagnosis.steps[0].base.split.records)
     headline = SEARCHING if of.searching else words.headline_with(of.diagnosis, of.lacking)
     script = data = ""

@@ -160,6 +160,7 @@ def test_the_whole_way(page, data, tmp_path):
     page.get_by_role("button", name="Cancel").wait_for(state="detached")
     assert page.locator("#found").count() == 0
     start.click()
+    grows_while_it_searches(page)
     page.locator("#found").wait_for()
     assert page.locator("#found").inner_text() == "Dead zone is probably missing."
     assert page.evaluate("document.activeElement.id") == "found"
@@ -243,6 +244,16 @@ def test_the_whole_way(page, data, tmp_path):
     page.get_by_role("dialog").wait_for(state="detached")
     assert ladder(page) == after and rows.input_value() == ""
     assert page.wrong == []
+
+
+def grows_while_it_searches(page):
+    """The base, its loop and portrait are there before the end, and bars of what was found so far."""
+    frame = first_screen(page)
+    assert "Searching" in frame.locator("#verdict-title").inner_text() and page.locator("#found").count() == 0
+    assert frame.locator("canvas:visible").count() == 3 and frame.locator(".switch:not(.found)").count() == 1
+    frame.locator(".switch.found").first.wait_for()
+    assert "+ dead zone" in frame.locator(".switch.found").first.inner_text() and page.locator("#found").count() == 0
+    assert page.get_by_role("button", name="Take the best so far").is_visible() and serious(page) == []
 
 
 def described(field):

@@ -116,7 +116,7 @@ def test_a_terminal_shows_the_step_whole_and_nothing_of_it_is_markup(monkeypatch
     monkeypatch.setattr(printing, "console", lambda stderr=False: shown)
     with printing.working("Diagnosing") as tell:
         tell("a plain [text]")
-        tell(Told("trying each effect alone", 3, 5, 12, 40, "backlash removes 82 % of the squared error", 0.3))
+        tell(Told("trying each effect alone", 3, 5, 12, 40, (("backlash", 0.82),), 0.3))
     text = " ".join(re.sub(r"\x1b\[[0-9;?]*\w", " ", shown.file.getvalue()).split())
     assert "Step 3 of 5:" in text and "12 of 40" in text and "squared error)" in text and "0:00:0" in text
 

@@ -20,8 +20,11 @@ def diagnosed(**options):
 
 
 def test_what_is_told_is_a_text_that_keeps_its_numbers():
-    told = Told("trying each effect alone", 3, 6, 12, 40, "backlash removes 82 %", 0.3)
-    assert told == "Step 3 of 6: trying each effect alone, 12 of 40 (so far: backlash removes 82 %)"
+    told = Told("trying each effect alone", 3, 6, 12, 40, (("backlash", 0.82), ("creep", 0.4)), 0.3)
+    assert (
+        told
+        == "Step 3 of 6: trying each effect alone, 12 of 40 (so far: backlash removes 82 % of the squared error, creep 40 %)"
+    )
     again = pickle.loads(pickle.dumps(told))
     assert again == told and vars(again) == vars(told) and again.fraction == pytest.approx(2.3 / 6)
 
@@ -29,9 +32,11 @@ def test_what_is_told_is_a_text_that_keeps_its_numbers():
 def test_work_inside_other_work_counts_with_it():
     heard = []
     tell = inside(heard.append, before=1, after=2)
-    tell(Told("b", 1, 2, 3, 4, "x", 0.5))
+    tell(Told("b", 1, 2, 3, 4, (("x", 0.5),), 0.5))
     tell("a plain text")
-    assert heard[0] == "Step 2 of 5: b, 3 of 4 (so far: x)" and heard[0].fraction == pytest.approx(1.5 / 5)
+    assert heard[0] == "Step 2 of 5: b, 3 of 4 (so far: x removes 50 % of the squared error)" and heard[
+        0
+    ].fraction == pytest.approx(1.5 / 5)
     assert heard[1] == "a plain text"
 
 
@@ -63,13 +68,13 @@ def test_what_cannot_be_told_does_not_end_the_work(fences):
     heard = []
     course = Course(heard.append, ["a"])
     course.reach("a")
-    course.say(found=lambda: str(1 / 0))
+    course.say(found=lambda: (("x", 1 / 0),))
     course.say(done=1, of=2, turns=0)
     assert len(heard) == 1 and len(fences) == 2
     fences.clear()
-    course.say(found=lambda: "something")
+    course.say(found=lambda: (("x", 1.0),))
     course.say()
-    assert [h.found for h in heard] == ["", "something", "something"]
+    assert [h.removed for h in heard] == [(), *[(("x", 1.0),)] * 2]
 
 
 class Cancelled(Exception):

@@ -28,6 +28,8 @@
     if (!answer.ok) refuse(page);
     else framed.set(el, live.render({ el, model: { get: () => page, set: (name, value) => name === "added" && value && emitEvent("add", value), save_changes() {} } }));
   }
+  // While effects are searched, the frame shows the best by now.
+  window.tellFrame = (removed) => document.querySelector("[data-live] iframe")?.contentWindow.postMessage({ removed }, "*");
   new MutationObserver(() => {
     for (const [el, end] of framed) if (!el.isConnected) { end(); framed.delete(el); }
     for (const el of document.querySelectorAll("[data-live]:not([data-known])")) { el.dataset.known = ""; frame(el); }

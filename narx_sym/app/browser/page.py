@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -325,6 +326,8 @@ class Page:
         if not isinstance(now, Told):
             self.doing.text, self.count.text = now[:1].upper() + now[1:], seconds
             return
+        if self.bench.early:
+            ui.run_javascript(f"tellFrame({json.dumps(now.removed)})")
         found = f" So far: {now.found}." if now.found else ""
         self.enough.set_visibility(bool(now.found) and now.stage < now.stages - 1)
         self.doing.text = f"Step {now.stage} of {now.stages}: {now.what}.{found}"

@@ -261,11 +261,9 @@ def leading(rows: Sequence[Row]) -> float:
     return rows[0].before_judged
 
 
-def so_far(rows: Iterable[Row], base: Row) -> str:
-    """Return in words what the best of some rows do to the error of a base; "" where none lessens it."""
+def so_far(rows: Iterable[Row], base: Row) -> tuple[tuple[str, float], ...]:
+    """Return the effects of the best rows in words, each with the share of the squared error that it removes."""
     found: dict[str, float] = {}
     for row in sorted((r for r in rows if r.beyond(base) and r.held < base.held), key=lambda r: r.price):
         found.setdefault(joined(spaced(v.id) for v in row.beyond(base)), 1 - row.held / base.held)
-    (best, most), *rest = [*found.items()][:RIVALS] or [("", 0.0)]
-    verb, more = "remove" if " and " in best else "removes", [f", {names} {100 * one:.0f} %" for names, one in rest]
-    return f"{best} {verb} {100 * most:.0f} % of the squared error{''.join(more)}" * bool(best)
+    return tuple(found.items())[:RIVALS]

@@ -448,6 +448,24 @@ for (const query of ["(prefers-color-scheme: dark)", "print"]) window.matchMedia
 new ResizeObserver(again).observe(hero);
 for (const one of document.querySelectorAll("details:has(canvas)")) one.addEventListener("toggle", again);
 
+// While effects are searched, the page around tells by how much the best of them lessen the base's error.
+addEventListener("message", ({source, data}) => {
+  if (source !== parent || !data.removed) return;
+  document.querySelectorAll(".switch.found").forEach(one => one.remove());
+  const first = hero.querySelector(".switch"), whole = parseFloat(first.querySelector(".bar.held").style.width);
+  for (const [name, share] of data.removed) {
+    const row = first.cloneNode(true), left = Math.sqrt(1 - share);
+    row.classList.add("found");
+    row.querySelector("input").remove();
+    row.querySelector(".named").textContent = `+ ${name}`;
+    row.querySelector(".error-of").remove();
+    row.querySelector(".error-of small").textContent = "so far";
+    Object.assign(row.querySelector(".bar"), {className: "bar after", style: `width: ${left * whole}%`});
+    row.querySelector(".error-of > :last-child").textContent = `${percentOf(left)} of the base's`;
+    hero.querySelector(".switches").append(row);
+  }
+});
+
 // In a frame the page around it hears what is chosen, what is added, and how high this is.
 if (parent !== window) {
   const tell = () => parent.postMessage({
