@@ -23,7 +23,7 @@ import sympy as sp
 from mpmath.libmp.libhyper import NoConvergence
 
 from ..errors import ModelError
-from ..symbolic.numbers import prefixed
+from ..symbolic.numbers import number, prefixed
 from ..symbolic.printing import InLatex, latex
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, held, lag, samples
@@ -132,11 +132,11 @@ class Quantity:
         """Value, unit and interval."""
         factor, unit = prefixed(self.unit, self.value)
         digits = _digits(self.value, self.error)
-        said = f"{short(factor * self.value, digits)} {unit}".rstrip()
+        said = f"{number(factor * self.value, digits)} {unit}".rstrip()
         if self.in_input is not None:
-            said += f" ({short(self.in_input)} {self.input_unit})"
+            said += f" ({number(self.in_input)} {self.input_unit})"
         if self.error > 0:
-            low, high = (short(factor * v, digits) for v in (self.low, self.high))
+            low, high = (number(factor * v, digits) for v in (self.low, self.high))
             said += f", 95 % {low} ... {high}" if low != high else ""
         return said
 
@@ -146,16 +146,6 @@ class Quantity:
         own = {"name": self.name, "symbol": str(self.symbol), "value": self.value, **known, "unit": self.unit}
         own |= {"in_input": self.in_input, "input_unit": self.input_unit} if self.in_input is not None else {}
         return own | ({"effect": self.effect} if self.effect else {})
-
-
-def short(value: float, digits: int = 3) -> str:
-    """Return a number with a few significant digits."""
-    if value == 0 or not isfinite(value):
-        return "0" if value == 0 else str(value)
-    if not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.{digits}g}"
-    whole = sp.floor(sp.log(abs(float(f"{value:.{digits - 1}e}")), 10))
-    return f"{value:.{max(0, digits - 1 - int(whole))}f}"
 
 
 def _digits(value: float, error: float) -> int:
@@ -568,7 +558,7 @@ def _latex_value(one: Quantity) -> str:
 
 
 def _latex_number(value: float, digits: int) -> str:
-    mantissa, _, exponent = short(value, digits).partition("e")
+    mantissa, _, exponent = number(value, digits).partition("e")
     return rf"{mantissa} \times 10^{{{int(exponent)}}}" if exponent else mantissa
 
 

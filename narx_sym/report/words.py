@@ -16,7 +16,7 @@ from ..diagnosis.experiment import Experiment
 from ..diagnosis.procedure import UNNAMED, Diagnosis
 from ..diagnosis.steps import NO_FLOOR, Step
 from ..models.added import newer
-from ..symbolic.numbers import sized
+from ..symbolic.numbers import number, sized
 
 Units = Mapping[str, str]
 Row = dict[str, Any]
@@ -85,17 +85,6 @@ def begun(text: str) -> str:
 def without_ids(text: str) -> str:
     """Return a sentence with the ids of effects as words."""
     return re.sub(r"\b[a-z]+(_[a-z]+)+\b", lambda found: spaced(found[0]), text)
-
-
-def number(value: float, digits: int = 3) -> str:
-    """Return a number with a few significant digits, without an exponent where it is of usual size."""
-    if value == 0 or not np.isfinite(value):
-        return "0" if value == 0 else "-"
-    if 1e-3 <= abs(value) < 1e5:
-        rounded = float(f"{value:.{digits - 1}e}")
-        return f"{value:.{max(0, digits - 1 - int(np.floor(np.log10(abs(rounded)))))}f}"
-    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
-    return f"{mantissa}e{int(exponent)}"
 
 
 def plus_minus(value: tuple[float, float]) -> str:

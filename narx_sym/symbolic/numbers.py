@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from math import floor, isfinite, log10
 
 PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
 # A unit that takes a prefix, to the power of one, in front of what else there is.
@@ -14,6 +15,17 @@ FAR = 1e-3  # a smaller number is not told with the prefix of a larger one
 def few(value: float, digits: int = 3) -> str:
     """Return a number with a few significant digits: 440 and not 4.4e+02."""
     return f"{float(f'{value:.{digits}g}'):.12g}"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with a few significant digits, without an exponent where it is of usual size."""
+    if value == 0 or not isfinite(value):
+        return "0" if value == 0 else "-"
+    if 1e-3 <= abs(value) < 1e5:
+        rounded = float(f"{value:.{digits - 1}e}")
+        return f"{value:.{max(0, digits - 1 - floor(log10(abs(rounded))))}f}"
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    return f"{mantissa}e{int(exponent)}"
 
 
 def with_unit(value: float, unit: str, digits: int = 3) -> str:
