@@ -112,7 +112,7 @@ def test_a_port_that_is_taken_is_one_message(server, run):
 @pytest.fixture
 def page(browser, server):
     """A page that keeps what it complains about, and what it asks other machines for."""
-    made = browser.new_page(viewport={"width": 1280, "height": 900})
+    made = browser.new_page(viewport={"width": 1440, "height": 900})
     made.set_default_timeout(PATIENCE)
     made.wrong = live.wrong(made, server)
     made.goto(server.url)
@@ -136,11 +136,12 @@ def upload(page, name, content):
 
 def fits(page):
     """Whether nothing stands beyond the right edge, wide and narrow."""
-    page.set_viewport_size({"width": 390, "height": 800})
-    page.wait_for_timeout(300)
-    beyond = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
-    page.set_viewport_size({"width": 1280, "height": 900})
-    return beyond <= 0
+    beyond = []
+    for width in (768, 390, 1440):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_timeout(300)
+        beyond.append(page.evaluate("document.documentElement.scrollWidth - window.innerWidth"))
+    return max(beyond) <= 0
 
 
 @pytest.mark.long

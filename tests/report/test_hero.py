@@ -231,20 +231,19 @@ def test_zoom(opened, told):
     assert state(opened)["rms"] == now["rms"]
 
 
-@pytest.mark.parametrize(
-    ("width", "scheme"),
-    (
-        (390, "dark"),
-        pytest.param(390, "light", marks=pytest.mark.long),
-        pytest.param(1280, "light", marks=pytest.mark.long),
-        pytest.param(1280, "dark", marks=pytest.mark.long),
-    ),
-)
+SIZES = [pytest.param(w, c, marks=[pytest.mark.long] * ((w, c) not in ((390, "dark"), (1440, "light"))))
+         for w in (390, 768, 1440) for c in ("light", "dark")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("width", "scheme"), SIZES)
 def test_it_fits_and_is_accessible(browser, stage_report, width, scheme):
     from axe_playwright_python.sync_playwright import Axe
 
     context = browser.new_context(viewport={"width": width, "height": 844}, color_scheme=scheme)
-    page = context.new_page()
+    page, wrong = context.new_page(), []
+    page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: wrong.append(str(e)))
+    page.on("request", lambda r: None if r.url.startswith(("file:", "data:")) else wrong.append(r.url))
     page.goto(stage_report.as_uri())
     page.wait_for_function(READY)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -255,7 +254,8 @@ def test_it_fits_and_is_accessible(browser, stage_report, width, scheme):
         """() => { const input = document.querySelector('.sliders:not([hidden]) input'); input.focus({focusVisible: true});
         return getComputedStyle(input).outlineStyle; }"""
     )
-    assert outline != "none"
+    page.emulate_media(media="print")
+    assert outline != "none" and not wrong and page.evaluate("document.documentElement.scrollWidth") <= width
     context.close()
 
 
