@@ -136,9 +136,11 @@ print(f"{size / 1e6:.1f} MB")
 # the model, its LaTeX and C, the law and the report. An error message stands at the field that caused it until the
 # field is correct.
 #
-# Long computations run in a separate process. *Cancel* stops it and changes nothing. A bar shows the progress and how
-# much of the squared error the best effect so far removes; the terminal shows the same line. In Python, `report=`
-# receives it: each text has the attributes `stage`, `stages`, `done`, `of`, `found` and `fraction`.
+# Long computations run in a separate process. *Cancel* stops it and changes nothing. While effects are searched, the
+# page shows the base and what it lacks, and the best effects so far with bars of the error that they leave; *Take the
+# best so far* ends the search with these. In Python, `report=` receives the same: each text has the attributes `stage`,
+# `stages`, `done`, `of`, `removed`, `found` and `fraction`, the one of the fitted base a `look()` at it, and a listener
+# that returns True ends the search.
 #
 # Under *Law* the law runs along a reference: the measured output or its first seconds, a sine, or a column of a
 # file, within limits of the input and of its change per sample. The page shows the reference, the output of the model
