@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -50,7 +49,6 @@ from .worker import Worker
 LIMIT = 50_000_000  # bytes of an upload
 BUSY = "A computation is running: wait for it, or cancel it."
 MOST = 30  # states that are kept: each has the pictures of its diagnosis
-PAUSE = 0.05  # seconds between looks at the process, where nothing else waits
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +74,7 @@ class State:
 class Workbench:
     """Every state that the page shows, and what may be done in it. Nothing here knows of a browser.
 
-    Long work goes to a process: `poll` takes over what it made, `wait` waits for that, `cancel` ends it. Whatever fails
+    Long work goes to a process: `poll` takes over what it made, `cancel` ends it. Whatever fails
     leaves one sentence in `error`, and everything else as it was.
 
     Attributes
@@ -347,11 +345,6 @@ class Workbench:
         self.states[self.at] = replace(self.state, law=law, run=run)
 
     @property
-    def ladder(self) -> list[dict[str, Any]]:
-        """Name and free-run errors of each revision, as `Diagnosis.ladder` has them."""
-        return [{"name": r.name, **r.errors} for r in self.state.revisions]
-
-    @property
     def known(self) -> dict[str, str]:
         """The units of input and output, in words where they are not known."""
         return {name: self._measured.units.get(name) or f"unit of {name}" for name in "uy"}
@@ -389,12 +382,6 @@ class Workbench:
         else:
             self._done(outcome.result)
             self.notes = (*self.notes, *outcome.notes)
-
-    def wait(self) -> None:
-        """Wait until nothing is under way."""
-        while self.busy:
-            self.poll()
-            time.sleep(PAUSE)
 
     def cancel(self) -> None:
         """End what is under way; everything stays as it was before."""
