@@ -170,6 +170,8 @@ class Table:
         self, few: Catalogue, bases: list[Row], best: Row, said: str, worth: float, base: Row, first: Row | None = None
     ) -> bool:
         """Fit a few effects beside rows with every core; return whether there are any."""
+        if self.course.enough:
+            return False
         given = best.hypothesis.core.given
         bare = written(replace(best.hypothesis, effects=bases[0].hypothesis.effects), self.search.given)
         line, tell = self.screened(best).line, partial(self._tell, base, said, 0, 1)
@@ -189,6 +191,8 @@ class Table:
     def pairs(self, base: Row) -> None:
         """Fit pairs: the best effects, and what the directions show beside each of them."""
         self.course.reach(PAIRS)
+        if self.course.enough:
+            return
         # What is half of a pair bends to what the other half does, in each fold otherwise: where it was fitted counts.
         # A share that is whole alone need not be so beside another effect.
         alone = [r for r in self.rows if len(r.beyond(base)) == 1 and not r.frame.pinned]
