@@ -135,7 +135,7 @@ def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
         return told or ["not known: no effect is confirmed"]
     rms = partial(sized, unit=unit, digits=2, beside=d.ladder[0]["validation_rms"])
     ends = [f"{rms(size)} rms ({words.spaced(n)})" for n, size in first.unseen]
-    return [f"below its detection limit, {ends[0]} to {ends[-1]}"]
+    return [f"smaller than its detection limit: {ends[0]} to {ends[-1]}"]
 
 
 def left(d: Diagnosis, units: Units) -> str:
