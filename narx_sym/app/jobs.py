@@ -28,11 +28,9 @@ def revision(
 
     def tell(now: Any) -> Any:
         """Show the base as soon as it is known."""
-        look = getattr(now, "look", None)
-        if look is not None and not before:
+        if now.look is not None and not before:
             with fenced("The first look"):
-                progress(page(material(look(), units, searching=True), framed=True).encode())
-            now.look = None  # it stays here
+                progress(page(material(now.look(), units, searching=True), framed=True).encode())
         return progress(now)
 
     made = make(*what, records, inside(tell, after=1), **known)

@@ -59,8 +59,8 @@ class Told(str):
         made.removed, made.found, made.part = removed, found, part
         return made
 
-    def __getnewargs__(self) -> tuple[Any, ...]:
-        return self.what, self.stage, self.stages, self.done, self.of, self.removed, self.part
+    def __reduce__(self) -> tuple[Any, ...]:  # a look stays in its process
+        return Told, (self.what, self.stage, self.stages, self.done, self.of, self.removed, self.part)
 
     @property
     def fraction(self) -> float:

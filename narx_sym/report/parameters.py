@@ -28,7 +28,7 @@ LETTERS = {  # what the catalogue calls by a letter alone
     "hysteresis c1": "slope after a reversal", "hysteresis c2": "curvature against the motion",
     "hysteresis c3": "curvature along the motion", "hysteresis a": "pole of the lag",
     "stiction c": "size of the effect", "stiction r": "sliding band",
-    "stiction e": "additional breakaway band",
+    "stiction e": "additional breakaway band", "backlash c": "share", "backlash w": "half-width",
 }  # fmt: skip
 
 

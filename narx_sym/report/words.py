@@ -65,7 +65,8 @@ def badge(diagnosis: Diagnosis) -> str:
     sure = f"{first.how_sure}: " if first.finding == "named" and first.how_sure else ""
     said = [sure + BADGES[first.finding]]
     if (pair := first.pair) is not None and first.finding == "two_effects":
-        said += ["others explain as much"] * bool(pair.rivals) + ["something else is missing too"] * (not pair.all)
+        said = ["one of several explanations that fit alike"] if pair.rivals else said
+        said += ["something else is missing too"] * (not pair.all)
     if first.finding == "valve" and (valve := worst_valve(first.valves)).band:
         said += [f"which explains {percent(1 - valve.left)} of the squared error"]
     if first.finding == "helps_but_incomplete":

@@ -27,6 +27,8 @@ def test_what_is_told_is_a_text_that_keeps_its_numbers():
     )
     again = pickle.loads(pickle.dumps(told))
     assert again == told and vars(again) == vars(told) and again.fraction == pytest.approx(2.3 / 6)
+    told.look = lambda: None
+    assert pickle.loads(pickle.dumps(told)).look is None
 
 
 def test_work_inside_other_work_counts_with_it():

@@ -57,9 +57,10 @@ def portrait(found: Portrait, units: Units) -> Picture:
 def explains(found: Portrait) -> str:
     """Say what explains what is missing."""
     share, most = words.percent(found.view.share), words.number(found.bandwidth, 2)
+    by = found.view.label.partition(", by ")[2]
     return (
         f"What the base lacks, as an additional input (up to {most} Hz): {found.view.label} explains {share} of it. "
-        "Squares: means. Shaded: possible by chance."
+        f"Squares: means{f', for each range of {by}' if by else ''}. Shaded: possible by chance."
     )
 
 
