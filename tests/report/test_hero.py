@@ -485,9 +485,11 @@ def test_paper_has_still_pictures_and_all_that_is_folded(browser, stage_report, 
     page = browser.new_page()
     page.goto(stage_report.as_uri())
     page.wait_for_function(READY)
+    page.evaluate("document.querySelector('#derived .equation').style.fontSize = '200px'")  # a long formula
     page.emulate_media(media="print")
     assert page.locator("#verdict svg.drawn").first.is_visible() and page.locator("canvas:visible").count() == 0
-    assert page.locator("#derived math").first.is_visible()
+    wide = page.evaluate("[...document.querySelectorAll('math')].map(m => m.getBoundingClientRect().width)")
+    assert page.locator("#derived math").first.is_visible() and max(wide) <= 690  # A4 less its margins
     page.pdf(path=tmp_path / "r.pdf")
     assert (tmp_path / "r.pdf").stat().st_size > 50_000
     page.close()

@@ -17,6 +17,15 @@ document.addEventListener("click", async event => {
   button.textContent = "Copied";
   setTimeout(() => { button.textContent = before; }, 5000);
 });
+// On paper nothing can be scrolled: a long formula becomes smaller.
+const PAPER = 680;  // width of what is printed of a page of A4 or Letter [px]
+const paper = window.matchMedia("print");
+paper.addEventListener("change", () => {
+  for (const math of document.querySelectorAll(".equation > math")) {
+    math.style.fontSize = "";
+    if (paper.matches) math.style.fontSize = `${Math.min(1, PAPER / math.getBoundingClientRect().width)}em`;
+  }
+});
 const reveal = () => document.getElementById(location.hash.slice(1))?.querySelector("details")?.setAttribute("open", "");
 window.addEventListener("hashchange", reveal);
 reveal();
