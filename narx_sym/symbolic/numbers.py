@@ -39,8 +39,8 @@ def prefixed(unit: str, value: float) -> tuple[float, str]:
     if not found or not 0 < size < SMALL:
         return 1.0, unit
     own = PREFIXES[found[1].translate(str.maketrans("uμ", "µµ"))]
-    prefix = next((p for p, one in PREFIXES.items() if p != "c" and one <= size * own), "n")
-    return own / PREFIXES[prefix], prefix + found[2]
+    fitting = [p for p, one in PREFIXES.items() if p != "c" and one <= size * own]
+    return (own / PREFIXES[fitting[0]], fitting[0] + found[2]) if fitting else (1.0, unit)
 
 
 def sized(value: float, unit: str, digits: int = 3, beside: float = 0.0) -> str:

@@ -15,7 +15,7 @@ import narx_sym as ns
 from narx_sym.engines.compile import compile
 from narx_sym.files.store import load
 from narx_sym.report.hero import unpacked
-from narx_sym.report.words import number
+from narx_sym.symbolic.numbers import sized
 
 pytest.importorskip("nicegui", reason="the extra narx-sym[app] is not installed")
 reason = live.why_no_browser()
@@ -323,7 +323,7 @@ def check_run(ran, model):
         m = law.run(r, limits=limits)
     y = model.simulate(m, r[0], u0=law.rest_input(r[0], limits), warn=False)
     held = law.follow(r, limits=limits).held.mean()
-    rms, most = (number(float(x)) for x in (live.np.sqrt(live.np.mean((y - r) ** 2)), abs(y - r).max()))
+    rms, most = (sized(float(x), "") for x in (live.np.sqrt(live.np.mean((y - r) ** 2)), abs(y - r).max()))
     assert f"with the law {rms} rms, {most} at most" in said and f"in {held:.1%} of the samples" in said
     columns = live.np.loadtxt(path, delimiter=",", skiprows=1).T
     for found, expected in zip(columns[1:], (r, m, y), strict=True):
