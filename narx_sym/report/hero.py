@@ -95,7 +95,7 @@ def models(material: Material) -> list[Tried]:
         first = material.lacking.steps[0]
         least = d.ladder[-1 if there else 0]["train"]
         pair = [(first.pair.effect, first.pair.fitted)] if first.pair is not None else []
-        alone = ((one.effect, fitted_of(one)) for one in first.candidates)  # fitted when it is their turn
+        alone = ((one.effect, fitted_of(one, first.base)) for one in first.candidates)  # fitted when it is their turn
         for effect, offered in chain(pair, alone):
             if offered is not None and (errors := first.figures(offered))["train"] < least:
                 yield f"{there} + {effect}".strip(), effect, offered, errors
@@ -112,10 +112,11 @@ def models(material: Material) -> list[Tried]:
     return found
 
 
-def fitted_of(candidate: Any) -> Fitted | None:
+def fitted_of(candidate: Any, base: Fitted) -> Fitted | None:
     """Return a candidate's model over the record as it is; None where it cannot be fitted there."""
-    try:  # a model of averaged samples has another record
-        found: Fitted = candidate.fitted if candidate.likely or candidate.averaged > 1 else candidate.shown
+    own, shown = (list(map(len, one.split.records)) for one in (base, candidate.shown))
+    try:  # a model of averaged samples, or of a part of a long record, has another record
+        found: Fitted = candidate.fitted if candidate.likely or shown != own else candidate.shown
     except FitError:
         return None
     return found

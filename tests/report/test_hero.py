@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from types import SimpleNamespace
 
 import live
 import numpy as np
@@ -493,3 +494,11 @@ def test_paper_has_still_pictures_and_all_that_is_folded(browser, stage_report, 
     page.pdf(path=tmp_path / "r.pdf")
     assert (tmp_path / "r.pdf").stat().st_size > 50_000
     page.close()
+
+
+def test_a_candidate_of_a_part_of_the_record_is_fitted_over_all_of_it(stage_diagnosis):
+    base = stage_diagnosis.steps[0].base
+    for records, said in ((base.split.records, "shown"), ([r[:100] for r in base.split.records], "fitted")):
+        shown = SimpleNamespace(split=SimpleNamespace(records=records))
+        one = SimpleNamespace(likely=False, shown=shown, fitted="fitted")
+        assert hero.fitted_of(one, base) is (shown if said == "shown" else one.fitted)
