@@ -18,6 +18,7 @@ from ..engines.compile import compile
 from ..engines.slopes import Walk, with_slopes
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
+from ..models.extend import scans
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, k, lag, lags, samples
@@ -359,6 +360,15 @@ class FreeRun:
                 low[int(np.argmax(row))], high[int(np.argmax(row))] = least, most
         return low, high
 
+    def _widths(self, z: Array) -> dict[Any, tuple[float, float]]:
+        """Return that what an effect's shape is, a width or a time, stays positive where it is, unless it has a sign.
+
+        Below zero some effects only change their sign, as tanh(x/s) does, and c theirs.
+        """
+        theta = dict(zip(self.model.symbols, self.theta(z), strict=True))
+        shapes = [(s, scan) for e in self.model.effects for s, scan in zip(e.shape.values(), scans(e), strict=True)]
+        return {s: (0.0, np.inf) for s, scan in shapes if theta[s] > 0 and not (scan and scan.signed)}
+
     def minimise(
         self, start: Array, max_steps: int, tolerance: float = 1e-12, limits: Mapping[Any, Any] | None = None
     ) -> Any:
@@ -371,7 +381,7 @@ class FreeRun:
             raise FitError(
                 f"The free run of the start values diverges: {one_step if isinstance(self.model, NARX) else own}"
             )
-        bounds = self.bounds(limits or {})
+        bounds = self.bounds({**self._widths(start), **(limits or {})})
 
         def slopes(z: Array) -> Array:
             moved = self._triangle(z)[:, :-1]

@@ -33,7 +33,7 @@ from ..symbolic.signals import (
     y,
 )
 from .added import AddedEffect, outside, own_states
-from .effects import EFFECTS, PLACES, Catalogue, Effect, Form
+from .effects import EFFECTS, PLACES, Catalogue, Effect, Form, Scan
 from .info import Info
 from .model import Model
 from .rewrite import called, relabelled, written_constraints
@@ -425,6 +425,13 @@ def _split(model: Model, where: str, driver: str) -> list[State]:
     if where == "sensor" and sensed not in named:
         between(output, sensed)
     return chain
+
+
+def scans(added: AddedEffect, catalogue: Catalogue = EFFECTS) -> list[Scan | None]:
+    """Return what the catalogue says of each shape parameter of an effect; None where it does not have it."""
+    forms = catalogue.get(added.effect.partition(":")[0], [])
+    known = next((form.scan for form in forms if form.form == added.form), {})
+    return [known.get(name) for name in added.shape]
 
 
 def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], str | None]:

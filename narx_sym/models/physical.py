@@ -148,7 +148,17 @@ def coulomb(subject: Subject) -> Found | None:
     added, symbol = subject.added, sp.Symbol("F_C" + subject.number)
     told: tuple[str, ...] = ("c",)
     if added.where == "output" and added.driver == "u":
-        return Found([subject.row("Coulomb friction", "F_C", subject.c, Unit(y=1))])
+        if added.form == "viscoelastic":  # its spring is stretched so far at most, either way
+            ends = {"up": ("r", "F_u"), "down": ("e", "F_d")}
+            return Found(
+                [
+                    subject.row(f"Coulomb friction {n}", f, subject.c * subject.shape(p), Unit(y=1))
+                    for n, (p, f) in ends.items()
+                ],
+                told=("c", "r", "e"),
+            )
+        taken = sp.Add(*(e.coefficients.get("c", 1) * e.shape["w"] for e in _slacks(subject.model, added)))
+        return Found([subject.row("Coulomb friction", "F_C", subject.c * (1 - taken), Unit(y=1))])
     if added.where == "motion":
         size, told = subject.force(subject.c * subject.shape("r")), ("c", "r")
     elif added.where in MOVING:
@@ -169,6 +179,11 @@ def coulomb(subject: Subject) -> Found | None:
         rows.append(subject.row("way over which friction turns round", "x_C", subject.shape("r"), unit, False))
         told = ("c", "r")
     return Found(rows, symbol * _side(subject), told)
+
+
+def _slacks(model: Model, friction: AddedEffect) -> list[AddedEffect]:
+    """Return the slacks behind an elastic friction: near none of its force, a share w of it is not passed on."""
+    return [e for e in model.effects if e.where == "friction" and "w" in e.shape and friction.form == "elastic"]
 
 
 @rule("stiction")
@@ -300,6 +315,11 @@ def _share(subject: Subject) -> list[Row]:
 @rule("backlash")
 def backlash(subject: Subject) -> Found | None:
     """Tell half the width of the play."""
+    if subject.added.where == "friction":  # a way of r takes an elastic friction from none of its force to all
+        rubs = next(e for e in subject.model.effects if e.effect == "coulomb_friction" and e.form == "elastic")
+        width = subject.shape("w") * rubs.shape["r"]
+        rows = [subject.row("half-width of the slack", "r_b", width, Unit(input=1))]
+        return Found([*rows, *_share(subject)], told=("c", "w"))
     if subject.added.where not in ("input", "output", "inside"):
         return None
     rows = [_width(subject, "half-width of the play", "r_b")]

@@ -315,6 +315,29 @@ def test_effects_before_and_behind_have_widths_and_times() -> None:
     assert slack["half-width of the play"].unit == "m"
 
 
+def test_a_slack_takes_its_part_of_the_friction_that_slips() -> None:
+    """Of 5 N, 0.8 times the half that the band hides: 3 N are passed on, over a slack of half of 0.4 mm."""
+    way = ns.NARX.from_terms(["u[k]", "u[k-1]"], [2.0, -1.9], Ts=0.01)
+    rubs = with_effect("coulomb_friction", "elastic", "output", [5.0, 0.4], way, "u")
+    slack = with_effect("backlash", "of what rubs", "friction", [0.8, 0.5], rubs, "friction")
+    found = slack.continuous(units={"u": "mm", "y": "N"})
+    told = {n: (found[n].value, found[n].unit) for n in ("Coulomb friction", "half-width of the slack")}
+    assert told == {
+        "Coulomb friction": (pytest.approx(3.0), "N"),
+        "half-width of the slack": (pytest.approx(0.2), "mm"),
+    }
+    assert slack.simulate(np.r_[np.zeros(9), np.full(9, 3.0)], 0.0)[-1] == pytest.approx(0.3 + 3.0)
+    spring = with_effect("coulomb_friction", "viscoelastic", "output", [5.0, 0.4, 0.3, 0.1], way, "u").continuous()
+    assert [spring[f"Coulomb friction {n}"].value for n in ("up", "down")] == [2.0, 1.5]
+
+
+def test_a_width_stays_positive() -> None:
+    """tanh(x / s) with -s and -c is the same, and no friction that drives."""
+    model, record, _ = machine(123)
+    mirrored = model.fit(record, method="free_run")
+    assert model.theta[-1] > 0 and mirrored.theta[-1] > 0
+
+
 def test_a_width_from_an_operating_point_says_so() -> None:
     lag = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], theta=[0.9, 0.2], Ts=0.1, operating_point={"u": 2.0, "y": 4.0})
     model = with_effect("saturation", "hard, two limits", "input", [1.0, 0.7, 0.5], lag, "u")
