@@ -66,12 +66,19 @@ def badge(diagnosis: Diagnosis) -> str:
     said = [sure + BADGES[first.finding]]
     if (pair := first.pair) is not None and first.finding == "two_effects":
         said = ["one of several explanations that fit alike"] if pair.rivals else said
-        said += ["something else is missing too"] * (not pair.all)
+        said += ["something else is missing too"] * incomplete(diagnosis)
     if first.finding == "valve" and (valve := worst_valve(first.valves)).band:
         said += [f"which explains {percent(1 - valve.left)} of the squared error"]
     if first.finding == "helps_but_incomplete":
         said += ["uncertain because the input is a single sine"] * _one_sine(first)
     return ", ".join(filter(None, said))
+
+
+def incomplete(diagnosis: Diagnosis) -> bool:
+    """Whether more is missing than what was found."""
+    first = diagnosis.steps[0]
+    missing = ("helps_but_incomplete", "outside_library", "unexplained", "follows_nothing", "refused")
+    return first.finding in missing or (first.pair is not None and not first.pair.all)
 
 
 def _one_sine(step: Step) -> bool:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SIZE, NARROW = (5.2, 4.2), (4.2, 4.2)  # [inch] of the pictures beside the verdict
 SURE = "An effect above its detection limit would have been found in 80 % of such records"
 NO_LAW = "No compensation law follows from this model."
-GOOD, BAD = "Stable over the range of the data.", "Take care: "
+STABLE, BAD = "Stable over the range of the data", "Take care: "
 
 
 def run(c: Comparison, units: Units, width: int) -> Picture:
@@ -146,12 +146,21 @@ def left(d: Diagnosis, units: Units) -> str:
 
 
 def lamp(material: Material) -> tuple[str, str]:
-    """Return the colour of the law of the model to take away, and what it says of stability and range."""
+    """Return the colour of the law of the model to take away, and what it says of stability, range and accuracy.
+
+    A law is no better than its model: where something is missing from that, the colour is no green.
+    """
     try:
         said = caution(material.subject.law)
     except (ModelError, NotInvertible):
         return "none", NO_LAW
-    return ("warn", BAD + said) if said else ("good", GOOD)
+    first, *_, last = [one["validation_rms"] for one in [*material.diagnosis.ladder] * 2]
+    off = f"off by {sized(last, material.units.get('y', ''), beside=first)} rms on validation data"
+    if said:
+        return "warn", BAD + said
+    if words.incomplete(material.diagnosis):
+        return "warn", f"{STABLE}, but something is missing from its model, which is {off}."
+    return "good", f"{STABLE}; its model is {off}."
 
 
 def bars(material: Material) -> list[dict[str, Any]]:
