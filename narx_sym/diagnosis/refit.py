@@ -13,7 +13,7 @@ import sympy as sp
 
 from ..data.evidence.noise import period_noise
 from ..data.record import Record
-from ..errors import FitError
+from ..errors import Diverged, FitError
 from ..files.journal import remembered
 from ..fit.constraints import constraint_equations
 from ..fit.evaluate import Errors, estimated, evaluate, free_run
@@ -106,9 +106,12 @@ class Fitted:
         return np.concatenate([e[m] for e, m in zip(self.errors, masks, strict=True)])
 
     def mean_square(self, masks: Sequence[Array]) -> float:
-        """Return the mean squared free-run error on chosen samples [unit of y squared]."""
-        with np.errstate(over="ignore"):
-            value = float(np.mean(self.error(masks) ** 2))
+        """Return the mean squared free-run error on chosen samples [unit of y squared]; infinite where it diverges."""
+        try:
+            with np.errstate(over="ignore"):
+                value = float(np.mean(self.error(masks) ** 2))
+        except Diverged:  # only where it is judged: a fit goes on with what is not finite
+            return float("inf")
         return value if np.isfinite(value) else float("inf")
 
     def relative(self, masks: Sequence[Array]) -> float:

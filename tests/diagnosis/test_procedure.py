@@ -13,6 +13,7 @@ from sampling import more, only
 from scipy.signal import lfilter
 
 import narx_sym as ns
+from narx_sym.diagnosis.refit import Fitted, Split
 from narx_sym.models.effects import EFFECTS, Catalogue
 from narx_sym.report.comparison import Comparison
 from narx_sym.tasks import revise
@@ -315,3 +316,12 @@ def test_a_single_sample_between_gaps_has_no_offset():
     d = ns.diagnose(ns.identify(record, base="linear"), record)
     assert d.verdict == "nothing_detectable"
     assert np.std(d.judged[0].y[481:] - y[481:]) < 1e-12 and np.mean(d.judged[0].y[481:] - y[481:]) < -0.25
+
+
+def test_a_model_that_diverges_where_it_is_judged_is_infinitely_wrong():
+    """Its error is compared with those of others, which goes on."""
+    record = ns.Record.from_arrays(np.ones(40), np.linspace(1, 2, 40), Ts=1.0)
+    for square, wrong in ((3.0, True), (0.1, False)):
+        model = ns.NARX.from_terms(["y[k-1]**2", "u[k-1]"], theta=[square, 1.0])
+        judged = Fitted(model, Split.whole([record]), None, None, True, {}, judged=True)
+        assert np.isinf(judged.mean_square(judged.split.held)) == wrong
