@@ -24,6 +24,7 @@ PathLike = str | os.PathLike[str]
 MOST_NAMED = 40  # columns in a message
 LARGEST_FILE = 8_000_000_000  # bytes of all arrays that are read from a file
 LARGEST = 1e100  # in any unit
+YEAR_LAST = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})(?!\d)")
 ALL = "all"  # instead of names of columns
 
 
@@ -263,22 +264,33 @@ class Table:
         return regular_time(stamps, lambda i: self.where(int(kept[i])), f"{self.path}: column '{t}', ")
 
     def _dates(self, t: str, cut: slice) -> Vector | None:
-        """Return a column of dates (ISO 8601) in s, NaN where one is missing; None where it begins with numbers."""
+        """Return a column of dates in s from the first, NaN where one is missing; None where it begins with numbers."""
         values, text = self._parsed(t, cut)
         if text is None or np.isfinite(values[:text]).any():
             return None
         import pandas as pd
 
         given = pd.Series(self.columns[t][cut])
-        stamps = pd.to_datetime(given, format="ISO8601", utc=True, errors="coerce")
-        bad = np.flatnonzero(stamps.isna() & given.notna())
-        if bad.size:
+        read, bad = [], []
+        for order in ((), (2, 1), (1, 2)):  # as it stands; the day first; the month first
+            read.append(pd.to_datetime(_turned(given, order), format="ISO8601", utc=True, errors="coerce"))
+            bad.append(np.flatnonzero(read[-1].isna() & given.notna()))
+            if not bad[0].size:
+                break
+        least = min(bad, key=len)
+        if least.size:
             raise DataError(
-                f"{self.path}: the time column '{t}' holds text such as {str(given[bad[0]])!r} in "
-                f"{self.where(cut.start + int(bad[0]))}: write numbers (seconds) or dates as 2024-10-27T00:59:50, or "
+                f"{self.path}: the time column '{t}' holds text such as {str(given[least[0]])!r} in "
+                f"{self.where(cut.start + int(least[0]))}: write numbers (seconds) or dates as 2024-10-27T00:59:50, or "
                 "ignore the column with --ts SECONDS"
             )
-        return np.asarray((stamps - stamps.min()).dt.total_seconds(), dtype=np.float64)
+        stamps, *others = (x - x.min() for x, wrong in zip(read, bad, strict=True) if not wrong.size)
+        if not all(stamps.equals(x) for x in others):
+            raise DataError(
+                f"{self.path}: {str(given[0])!r} in the time column '{t}' may begin with the day or with the month: "
+                "write dates as 2024-10-27T00:59:50, or ignore the column with --ts SECONDS"
+            )
+        return np.asarray(stamps.dt.total_seconds(), dtype=np.float64)
 
     @property
     def _repair(self) -> str:
@@ -299,6 +311,14 @@ class Table:
             except (TypeError, ValueError):
                 text = i if text is None else text
         return values, text
+
+
+def _turned(given: Any, order: tuple[int, ...]) -> Any:
+    """Write dates that end in the year with the year first, then the parts that `order` names: the month, the day."""
+    if not order:
+        return given
+    month, day = order
+    return given.str.replace(YEAR_LAST, lambda x: f"{x[3]}-{x[month]:0>2}-{x[day]:0>2}", regex=True)
 
 
 def _ending(t: str) -> str:

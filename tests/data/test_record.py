@@ -586,8 +586,8 @@ def test_dates_are_a_time(tmp_path):
     path.write_text("t,u,y\n" + "".join(f"{at},{i},{2 * i}\n" for i, at in enumerate(rows)))
     record = read(path)
     assert record.Ts == 0.5 and record.t.tolist() == [0, 0.5, 1.0] and "holds dates" in record.notes[0]
-    path.write_text("t,u,y\n31.03.2024 00:30:00,1,2\n31.03.2024 00:30:05,2,3\n")
-    with pytest.raises(DataError, match=r"31\.03\.2024 00:30:00.*--ts SECONDS"):
+    path.write_text("t,u,y\n31st of March,1,2\n1st of April,2,3\n")
+    with pytest.raises(DataError, match=r"31st of March.*--ts SECONDS"):
         read(path)
     assert len(read(path, Ts=5.0)) == 2
     path.write_text("t,u,y\n2024-10-27,1,2\n,2,3\n2024-10-29,2,3\n")
@@ -600,6 +600,27 @@ def test_dates_are_a_time(tmp_path):
     path.write_text("t,u,y\n" + days.replace("2024-10-20", "yesterday"))
     with pytest.raises(DataError, match="'yesterday' in line 11"):
         read(path, missing="drop")
+
+
+@pytest.mark.parametrize(
+    ("rows", "step"),
+    [
+        (["31.3.2024 23:59:58", "1.4.2024 00:00:00", "1.4.2024 00:00:02"], 2.0),  # no month has the number 31
+        (["3/31/2024 23:59:58", "4/1/2024 00:00:00", "4/1/2024 00:00:02"], 2.0),
+        (["05-03-2021 16:35:48", "05-03-2021 16:35:48.5", "05-03-2021 16:35:49"], 0.5),  # one day, whichever it is
+    ],
+)
+def test_the_day_or_the_month_may_come_first(tmp_path, rows, step):
+    path = tmp_path / "days.csv"
+    path.write_text("t,u,y\n" + "".join(f"{at},{i},{2 * i}\n" for i, at in enumerate(rows)))
+    assert read(path).t.tolist() == [0, step, 2 * step]
+
+
+def test_a_day_that_may_be_a_month_is_not_guessed(tmp_path):
+    path = tmp_path / "days.csv"
+    path.write_text("t,u,y\n" + "".join(f"0{i}/04/2024,{i},{2 * i}\n" for i in (1, 2, 3)))
+    with pytest.raises(DataError, match=r"'01/04/2024'.*with the day or with the month"):
+        read(path)
 
 
 def test_a_missing_output_does_not_change_the_input(tmp_path):
