@@ -102,7 +102,7 @@ def diagnose(
     ]
     file = Path(base) if base.lower().endswith(".json") or Path(base).is_file() else None
     opt.check_targets(written, *data, *(validate or []), *(effects or []), file)
-    opt.check_format(plot)
+    opt.check_format(plot, experiment)
     catalogue = with_own(effects or [])
     begin, measured, judging, box = _given(how, base, file, data, validate or [], {"--delay": delay, "--save": save})
     with resuming(resume) if resume else nullcontext() as journal:

@@ -256,8 +256,11 @@ def unit_names(units: str) -> dict[str, str]:
     return found
 
 
-def check_format(path: Path | None) -> None:
-    """Refuse a picture that cannot be written, before any work is done."""
+def check_format(path: Path | None, columns: Path | None = None) -> None:
+    """Refuse a picture, and a name for columns of text, that cannot be written, before any work is done."""
+    from ..files.atomic import check_columns
+
+    check_columns(columns)
     if path is None:
         return
     from matplotlib.backend_bases import FigureCanvasBase

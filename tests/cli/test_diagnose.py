@@ -325,6 +325,7 @@ def test_bad_usage(files, run, tmp_path):
         (data, "--json", tmp_path / "no" / "d.json"): "does not exist",
         (data, "--json", tmp_path / "a.json", "--save", tmp_path / "a.json"): "same file",
         (data, "--plot", tmp_path / "p.xyz"): "unknown kind of picture",
+        (data, "--experiment", tmp_path / "next.xyz"): "columns are written as text",
     }.items():
         code, _, err = run("diagnose", *arguments)
         assert one_message(code, err), (arguments, code, err)
