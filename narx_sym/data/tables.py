@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -271,9 +273,11 @@ class Table:
         import pandas as pd
 
         given = pd.Series(self.columns[t][cut])
+        dates = (_turned(given, order) for order in ((), (2, 1), (1, 2)))  # as they stand; the day, the month first
+        ways: Any = (partial(pd.to_datetime, x, format="ISO8601", utc=True, errors="coerce") for x in dates)
         read, bad = [], []
-        for order in ((), (2, 1), (1, 2)):  # as it stands; the day first; the month first
-            read.append(pd.to_datetime(_turned(given, order), format="ISO8601", utc=True, errors="coerce"))
+        for way in chain(ways, [partial(pd.to_timedelta, given, errors="coerce")]):  # then hours, minutes and seconds
+            read.append(way())
             bad.append(np.flatnonzero(read[-1].isna() & given.notna()))
             if not bad[0].size:
                 break
