@@ -80,7 +80,7 @@ REFUSED = {
     "NaN in .npz": ("a.npz", npz(t=T, u=U, y=np.where(T == 0, np.nan, Y)), ["'y' has 1 missing", "row 0"]),
     "text column": ("a.csv", csv(u=["on"] * N), ["'u' has text in line 2: 'on'"]),
     "hexadecimal": ("a.csv", csv(u=["0x10"] * N), ["text in line 2: '0x10'"]),
-    "dates": ("a.csv", csv(t=[f"01.01.2020 00:00:{x:06.3f}" for x in T]), ["'t' holds text", "--ts SECONDS"]),
+    "dates": ("a.csv", csv(t=[f"1st of May 00:00:{x:06.3f}" for x in T]), ["'t' holds text", "--ts SECONDS"]),
     "a second row of names": ("a.csv", csv(head="t,u,y\nclock,pump,level"), ["'u' has text in line 2: 'pump'", "--rows"]),
     "thousands": ("a.csv", csv(u=["1,234.5"] * N), ["line 2 has 4 values but the header has 3 names"]),
     "constant input": ("a.csv", csv(u=np.ones(N)), ["the input is constant (1 in all 400"]),
