@@ -154,12 +154,12 @@ def lamp(material: Material) -> tuple[str, str]:
         said = caution(material.subject.law)
     except (ModelError, NotInvertible):
         return "none", NO_LAW
-    first, *_, last = [one["validation_rms"] for one in [*material.diagnosis.ladder] * 2]
-    off = f"off by {sized(last, material.units.get('y', ''), beside=first)} rms on validation data"
+    errors = [one["validation_rms"] for one in material.diagnosis.ladder]
+    off = f"off by {sized(errors[-1], material.units.get('y', ''), beside=errors[0])} rms"
     if said:
         return "warn", BAD + said
     if words.incomplete(material.diagnosis):
-        return "warn", f"{STABLE}, but something is missing from its model, which is {off}."
+        return "warn", f"{STABLE}; something is missing from its model, {off}."
     return "good", f"{STABLE}; its model is {off}."
 
 
