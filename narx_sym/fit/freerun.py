@@ -18,7 +18,7 @@ from ..engines.compile import compile
 from ..engines.slopes import Walk, with_slopes
 from ..errors import FitError
 from ..files.parallel import one_blas_thread, sweep
-from ..models.extend import scans
+from ..models.extend import form_of
 from ..models.model import NARX, Model
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import expand_phi, k, lag, lags, samples
@@ -366,8 +366,9 @@ class FreeRun:
         Below zero some effects only change their sign, as tanh(x/s) does, and c theirs.
         """
         theta = dict(zip(self.model.symbols, self.theta(z), strict=True))
-        shapes = [(s, scan) for e in self.model.effects for s, scan in zip(e.shape.values(), scans(e), strict=True)]
-        return {s: (0.0, np.inf) for s, scan in shapes if theta[s] > 0 and not (scan and scan.signed)}
+        known = ((e, form.scan if (form := form_of(e)) else {}) for e in self.model.effects)
+        shapes = [s for e, scan in known for n, s in e.shape.items() if not (n in scan and scan[n].signed)]
+        return {s: (0.0, np.inf) for s in shapes if theta[s] > 0}
 
     def minimise(
         self, start: Array, max_steps: int, tolerance: float = 1e-12, limits: Mapping[Any, Any] | None = None

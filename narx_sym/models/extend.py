@@ -33,7 +33,7 @@ from ..symbolic.signals import (
     y,
 )
 from .added import AddedEffect, outside, own_states
-from .effects import EFFECTS, PLACES, Catalogue, Effect, Form, Scan
+from .effects import EFFECTS, PLACES, Catalogue, Effect, Form
 from .info import Info
 from .model import Model
 from .rewrite import called, relabelled, written_constraints
@@ -427,13 +427,6 @@ def _split(model: Model, where: str, driver: str) -> list[State]:
     return chain
 
 
-def scans(added: AddedEffect, catalogue: Catalogue = EFFECTS) -> list[Scan | None]:
-    """Return what the catalogue says of each shape parameter of an effect; None where it does not have it."""
-    forms = catalogue.get(added.effect.partition(":")[0], [])
-    known = next((form.scan for form in forms if form.form == added.form), {})
-    return [known.get(name) for name in added.shape]
-
-
 def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], str | None]:
     """Return the forms of an effect and the channel in its id.
 
@@ -451,3 +444,12 @@ def find(effect_id: str, catalogue: Catalogue = EFFECTS) -> tuple[list[Effect], 
             f"Name the channel: {name}:temperature." if needs else f"The effect {name} does not use a channel."
         )
     return catalogue[name], channel_name(channel) if channel else None
+
+
+def form_of(added: AddedEffect) -> Effect | None:
+    """Return the catalogue's form of an added effect; None for one that is not in it."""
+    try:
+        forms, _ = find(added.effect)
+    except ModelError:
+        return None
+    return next((f for f in forms if f.form == added.form), None)

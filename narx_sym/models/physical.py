@@ -13,12 +13,11 @@ from typing import Any
 
 import sympy as sp
 
-from ..errors import ModelError
 from ..symbolic.signals import INNER_INPUTS, samples
 from .added import AddedEffect
 from .continuous_time import TIME, Linear, Row, Unit
 from .effects import Effect
-from .extend import find
+from .extend import form_of
 from .model import Model
 
 Y = sp.Function("y")(TIME)
@@ -437,7 +436,7 @@ def effect_rows(
     for added in model.effects:
         kind = added.effect.partition(":")[0]
         seen[kind] = seen.get(kind, 0) + 1
-        subject = Subject(added, _form(added), model, linear, direction, str(seen[kind]) if seen[kind] > 1 else "")
+        subject = Subject(added, form_of(added), model, linear, direction, str(seen[kind]) if seen[kind] > 1 else "")
         found = RULES[kind](subject) if kind in RULES and not _incomplete(subject) else None
         if found is None:
             found = Found(
@@ -454,15 +453,6 @@ def effect_rows(
         rows += _others(subject, found.told, units)
         notes += [found.note] if found.note else []
     return rows, term, notes
-
-
-def _form(added: AddedEffect) -> Effect | None:
-    """Return the catalogue's form of an added effect; None for one that is not in it."""
-    try:
-        forms, _ = find(added.effect)
-    except ModelError:
-        return None
-    return next((f for f in forms if f.form == added.form), None)
 
 
 def _incomplete(subject: Subject) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,17 @@ def parallel(function: Callable[..., Any], calls: Sequence[tuple[Any, ...]], job
 
     work = Parallel(n_jobs=jobs, return_as="generator")(delayed(function)(*c) for c in calls)
     return list(track(work, description=what, total=len(calls)))
+
+
+def mark(right: bool, visible: bool) -> str:
+    """Return what a case is: right, wrong, or not to be seen."""
+    return "right" if right else "WRONG" if visible else "-"
+
+
+def print_counts(counts: Mapping[tuple[str, str], int]) -> None:
+    """Print how many cases of each group are what."""
+    for (group, what), n in counts.items():
+        print(f"{group}: {n} {what}")
 
 
 def publish(text: str, path: Path | None) -> None:

@@ -306,12 +306,11 @@ def main() -> None:
         counts[group, "in the set, of the visible"] += bool({*r.get("set", ())} & {*r["accept"]}) and seen
         counts[group, f"said with more than {SURE}, and wrong"] += r["sure"] > SURE and not r["right"]
         print(
-            f"{'right' if r['right'] else 'WRONG' if seen else '-':6}{kind:34}{seed:<4}{r['excitation']:10}base {r.get('left', np.nan):6.2f} -> "
+            f"{common.mark(r['right'], seen):6}{kind:34}{seed:<4}{r['excitation']:10}base {r.get('left', np.nan):6.2f} -> "
             f"{r.get('after', np.nan):5.2f} floors  {r.get('verdict', 'failed'):21}{r['sure']:5.2f}  {r['said']} {r.get('seconds', 0):.0f} s",
             flush=True,
         )
-    for (group, what), n in counts.items():
-        print(f"{group}: {n} {what}")
+    common.print_counts(counts)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ from scipy.signal import butter, lfilter
 
 sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parent)]
 
+import common  # noqa: E402
 import truths  # noqa: E402
 
 import narx_sym as ns  # noqa: E402
@@ -201,13 +202,12 @@ def main() -> None:
         counts[group, "within 1.1 of the noise"] += bool(r["error"] < 1.1 * r["noise"])
         counts[group, "SysIdentPy within 1.1 of the noise"] += bool(r["beside"] < 1.1 * r["noise"])
         print(
-            f"{'right' if right else 'WRONG' if visible else '-':6}{r['kind']:17}{'u u2'.split()[r['at']]:3} {r['seed']:<5}noise {r['noise']:.4f} "
+            f"{common.mark(right, visible):6}{r['kind']:17}{'u u2'.split()[r['at']]:3} {r['seed']:<5}noise {r['noise']:.4f} "
             f"(SysIdentPy {r['beside']:.4f}) base {r['error']:.4f} -> {r.get('after', np.nan):.4f} {r.get('verdict', r.get('failed'))}: "
             f"{', '.join(r['told'])} | {r.get('place', '')} {r.get('seconds', 0):.0f} s",
             flush=True,
         )
-    for (group, what), n in counts.items():
-        print(f"{group}: {n} {what}")
+    common.print_counts(counts)
 
 
 if __name__ == "__main__":

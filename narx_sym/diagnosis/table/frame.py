@@ -99,6 +99,8 @@ class Frame:
                 variant = replace(variant, channel="_with_".join(pair))
                 self._with[str(variant.channel)] = pair
             effects.append(variant)
+        if not self._with:  # a copy would be checked anew
+            return tuple(effects), list(records)
         more = [{new: r.signals[name] for new, (name, _) in self._with.items()} for r in records]
         return tuple(effects), [replace(r, channels=r.channels | m) for r, m in zip(records, more, strict=True)]
 

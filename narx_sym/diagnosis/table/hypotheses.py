@@ -12,6 +12,7 @@ import sympy as sp
 
 from ...data.evidence.roles import INPUT
 from ...engines.numpy import lambdify
+from ...fit.identify import OPEN
 from ...models.effects import Catalogue, Effect
 from ...models.extend import Variant, equations, extend, variants
 from ...models.info import Info
@@ -212,7 +213,7 @@ def family_of(given: Model) -> str:
     """Return which cores may stand for a base: those of its kind, or only itself."""
     chosen = given.info.selection
     own = {given.input, given.output}
-    own |= {signal(n) for n, _ in further(given)} if chosen.base in ("linear", "static") else set()
+    own |= {signal(n) for n, _ in further(given)} if chosen.base in OPEN else set()
     if not isinstance(given, NARX) or any(x.base not in own for t in given.terms for x in samples(t)):
         return "given"
     if chosen.base == "static" and any(t.is_Pow for t in given.terms):

@@ -95,18 +95,18 @@ def _behind(frame: Frame, x: Array, core: Core) -> list[Array]:
 
     One that is whole wherever it acts is so here; another coefficient is estimated with the core.
     """
-    (cs, _), z, at = frame.added[-1], x.copy(), frame.effects[-1].at
+    (cs, _), z, at = frame.added[-1], x.copy(), frame.effects[-1].at or "u"
 
-    def seen(c: Any) -> list[Array]:
+    def seen(c: Any) -> list[dict[str, Array]]:
         z[cs] = c
-        return [passed[at or "u"] for passed in _through(frame, z, core)]
+        return _through(frame, z, core)
 
     c, records = np.ones(len(cs)), frame.measured()
     if not frame.effects[-1].effect.full:
         bare = seen(0.0)
-        each = [[v - u for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
-        others = [[passed[n] for passed in _through(frame, z, core)] for n, _ in core.inputs if n != (at or "u")]
-        c = np.clip(gains(records, core, x[: core.n_y], [bare, *each], others), frame.low[cs], frame.high[cs])
+        each = [[v[at] - u[at] for v, u in zip(seen(one), bare, strict=True)] for one in np.eye(len(cs))]
+        own, *others = ([u[name] for u in bare] for name in (at, *(n for n, _ in core.inputs if n != at)))
+        c = np.clip(gains(records, core, x[: core.n_y], [own, *each], others), frame.low[cs], frame.high[cs])
     z[cs] = c
     return _driven(frame, z, core, _behind_effects(frame, z, core), x[: core.n_y])
 
@@ -183,7 +183,7 @@ def _through(frame: Frame, x: Array, core: Core) -> list[dict[str, Array]]:
     """Return the inputs, (N,) each, behind the effects that act there, per segment."""
     at, found = {v.at for v in frame.effects if v.where == "input"}, []
     for i, record in enumerate(frame.measured()):
-        runs = frame.problem.walked(i, x) if at else {}
+        runs = frame.problem.walked(i, x)
         passed = {name or "u": runs[f"v_{name}" if name else "v"].copy() for name in at}
         found.append({name: passed.get(name, record.signals[name]) for name, _ in core.inputs})
     return found
@@ -198,6 +198,8 @@ def _behind_effects(frame: Frame, x: Array, core: Core) -> list[Record]:
         Where one runs away.
     """
     found = []
+    if all(v.where != "input" for v in frame.effects):
+        return frame.measured()
     for record, passed in zip(frame.measured(), _through(frame, x, core), strict=True):
         driven = passed.pop("u")
         found.append(replace(record, u=driven, channels=record.channels | passed))
