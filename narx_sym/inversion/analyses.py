@@ -18,6 +18,7 @@ from ..models.rest_map import plays
 from ..symbolic.printing import document_of, latex, latex_text, shown
 from ..symbolic.signals import definitions
 from .compensator import Compensator, compensator
+from .stability import InternalRecursion
 
 
 @dataclass(frozen=True)
@@ -244,6 +245,8 @@ def grouping(subject: Subject) -> Finding:
 def dynamics(subject: Subject) -> Finding:
     """Tell where the law forgets its own errors."""
     internal = subject.law.internal
+    if isinstance(internal, InternalRecursion):
+        return Finding([f"{shown(left)} = {shown(right)}" for left, right in internal.updates])
     lines = [f"attracting where {shown(internal.condition)}"]
     if subject.model.values:
         region = internal.region
@@ -255,4 +258,5 @@ def dynamics(subject: Subject) -> Finding:
 @analysis(120, title="The law's own dynamics: attracting condition")
 def attracting(subject: Subject) -> Finding:
     """Derive the condition of `dynamics` for documents, where it is short enough for one."""
-    return Finding(equations=[] if subject.law.staged else [latex(subject.law.internal.condition)])
+    internal = subject.law.internal
+    return Finding(equations=[] if isinstance(internal, InternalRecursion) else [latex(internal.condition)])

@@ -28,7 +28,7 @@ from ..symbolic.smoothing import smoothed, widths
 from .doors import CompensatorDoors
 from .grouping import offending, polynomials, q, why_not
 from .solution import Branch, Polynomial
-from .stability import InternalDynamics, internal_dynamics
+from .stability import InternalDynamics, InternalRecursion, internal_dynamics
 from .stages import Staged, guarded, in_order, stages_of, wanted
 
 BESIDE = ("wanted", "taken", "share", "kick")  # behind the name of what a law computes: what a run needs beside it
@@ -209,7 +209,7 @@ class Compensator(CompensatorDoors):
         return sp.S.Zero if gap == 0 or vanishes(gap) else gap
 
     @cached_property
-    def internal(self) -> InternalDynamics:
+    def internal(self) -> InternalDynamics | InternalRecursion:
         """The internal dynamics of the law: they show whether it can diverge."""
         return internal_dynamics(self)
 

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
-from ..errors import ModelError
 from ..models.model import Model
 from ..models.rest.equilibria import SteadyState, characteristic, jury, steady_state, without_integrator, z
 from ..models.rest_map import ubar, ybar
 from ..symbolic import printing
-from ..symbolic.sensitivity import derivative
-from ..symbolic.signals import Name, k, lag, m, r, samples, shift
+from ..symbolic.recursion import Recursion
+from ..symbolic.sensitivity import derivative, sensitivities
+from ..symbolic.signals import Name, k, lag, m, r, samples, shift, signal
 from .doors import InternalDynamicsDoors
+from .stages import in_order
 
 if TYPE_CHECKING:
     from .compensator import Compensator
@@ -103,20 +104,64 @@ class InternalDynamics(InternalDynamicsDoors, printing.InLatex):
         return SteadyState(found.equation.xreplace(names), conditions, points, excess=found.excess)
 
 
-def internal_dynamics(law: Compensator) -> InternalDynamics:
+@dataclass(frozen=True)
+class InternalRecursion(printing.InLatex):
+    """How a law with branches or further states reacts to an error of its input: one derivative beside each state.
+
+    No polynomial holds for all branches, so it is the law beside its model, with the derivative of every state by an
+    error `m_kick[k]` that is added to m[k] (`narx_sym.symbolic.sensitivity.sensitivities`). Roots that have no closed
+    form are differentiated implicitly, and a kink has the derivative of the side on which the run is.
+
+    Attributes
+    ----------
+    law : Compensator
+    recursion : Recursion
+    moved : mapping from states to their derivatives, dm_0 of m
+
+    Examples
+    --------
+    >>> import narx_sym as ns
+    >>> model = ns.NARX.from_terms(["y[k-1]", "u[k-1]", "abs(u[k-1])", "u[k-2]"], [0.5, 1.5, -0.5, -0.8])
+    >>> model.compensator().internal.along([5.0, 6.0, 7.0], m0=12.5)
+    array([1.  , 0.3 , 0.24])
+    """
+
+    law: Compensator
+    recursion: Recursion
+    moved: dict[Any, Any]
+
+    @property
+    def updates(self) -> list[tuple[Any, Any]]:
+        """The equations of the derivatives."""
+        return [(left, right) for left, right in self.recursion.updates if left.base in self.moved.values()]
+
+    def latex(self) -> str:
+        """LaTeX of the equations of the derivatives."""
+        return printing.latex_law(self.updates)
+
+    def along(self, reference: Any, m0: Any = None, channels: Any = None, at: int = 0) -> Any:
+        """Return what becomes of an error of 1 at a sample of a run: see `Compensator.disturbance`."""
+        return self.law.disturbance(reference, m0, channels, at)
+
+
+def internal_dynamics(law: Compensator) -> InternalDynamics | InternalRecursion:
     """Derive Jacobian, eigenvalues and attracting condition of a law along slow motion.
 
-    Raises
-    ------
-    ModelError
-        For a law with branches or further states.
+    Of a law with branches or further states: the recursion of an error.
     """
-    if law.staged:
-        raise ModelError(
-            "The internal dynamics are not derived for a law with branches or further states; "
-            "law.disturbance(reference) has what becomes of a disturbance along a run."
-        )
-    return InternalDynamics(law, *_derived(law.law))
+    return internal_recursion(law) if law.staged else InternalDynamics(law, *_derived(law.law))
+
+
+def internal_recursion(law: Compensator) -> InternalRecursion:
+    """Derive what becomes of an error of m, for the law beside its model."""
+    size, kick = sp.Dummy("size", real=True), signal("m_kick")
+    disturbed = in_order(law.beside(lambda asked: asked + size * kick[k]), (*law.symbols, size))
+    full, (moved,) = sensitivities(disturbed, [size])
+    at_zero, named = full.subs({size: sp.S.Zero}), {}
+    for left, right in at_zero.updates[: len(disturbed.updates)]:
+        named |= {} if right.is_Atom else {right: left}  # a derivative speaks of the root, not of its equation again
+    shown = ((left, right.xreplace(named) if left.base in moved.values() else right) for left, right in at_zero.updates)
+    return InternalRecursion(law, Recursion(tuple(shown), at_zero.parameters), moved)
 
 
 @lru_cache(maxsize=256)  # sweeps derive the same law many times

@@ -102,8 +102,10 @@ class _Law(_Latex):
         ]
         return r"\begin{cases} " + r" \\ ".join(rows) + r" \end{cases}"
 
-    def _print_Root(self, expr: Any) -> str:
+    def _print_Root(self, expr: Any, exp: str | None = None) -> str:
         gap, w, last, *_ = map(self._print, expr.args)
+        if exp is not None:
+            return rf"\left({self._print_Root(expr)}\right)^{{{exp}}}"
         return rf"{w} \text{{ nearest to }} {last} \text{{ with }} {gap} = 0"
 
 

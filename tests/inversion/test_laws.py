@@ -13,6 +13,7 @@ import narx_sym as ns
 from narx_sym.engines.compile import ENGINES, compile
 from narx_sym.errors import ModelError, NotInvertible, Unreachable
 from narx_sym.fit.laws.run import told
+from narx_sym.fit.laws.trial import Trial
 from narx_sym.fit.simulate import rest_states
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
@@ -379,8 +380,27 @@ def test_a_law_without_closed_form_says_so():
     with pytest.raises(ModelError, match="no rule for Root"):
         compile(law.recursion, "casadi")({"r": np.ones(5)}, model.theta, {"m": 0.0, "v": 0.0})
     assert "nearest to" in law.latex() and "nearest to m[k-1]" in repr(law)
-    with pytest.raises(ModelError, match="not derived for a law"):
-        _ = law.internal
+    assert "nearest to" not in law.internal.latex() and "Derivative" not in law.internal.latex()
+
+
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [
+        (("cubic_gain", "input", "u", ""), -0.02),  # a root finder
+        (("hysteresis", "output", "u", "Bouc-Wen"), 0.2),
+        (("saturation", "input", "u", "soft"), 0.4),
+    ],
+)
+def test_the_derivative_of_a_law_is_the_limit_of_small_errors(effect, value):
+    model = with_effect(ns.NARX.from_terms(["y[k-1]", "u[k-1]", "u[k-2]"], [0.6, 0.4, 0.3]), effect, value)
+    law = model.compensator()
+    assert law.staged
+    u = np.sin(np.arange(80) / 7)
+    trial = Trial.of_input(law, u, 0.0)
+    (small,) = trial.error_growth([9], 16)
+    exact = law.internal.along(trial.prepared.given["r"][trial.prepared.depth :][:80], 0.0, at=9)
+    assert exact[0] == 1 and exact[1] > 0
+    np.testing.assert_allclose(exact[:8], small, rtol=1e-5)
 
 
 def test_a_polynomial_hysteresis_without_a_delay_of_its_own():

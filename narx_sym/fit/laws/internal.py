@@ -140,6 +140,14 @@ def repelling(internal: InternalDynamics, m: Any, r: Any, s: float | None = None
     return radius(internal, m, r, s) > 1
 
 
+def dynamics(law: Compensator) -> InternalDynamics:
+    """Return the internal dynamics of a law that has eigenvalues; ModelError for a law with branches or states."""
+    found = law.internal
+    if not isinstance(found, InternalDynamics):
+        raise ModelError("A law with branches or further states has no eigenvalues: use law.internal.along(reference).")
+    return found
+
+
 def _numbers(internal: InternalDynamics) -> Any:
     """Return the polynomial with numbers, or say what keeps it from being one."""
     polynomial = internal.numbers
@@ -269,7 +277,7 @@ def operating_range(law: Compensator) -> OperatingRange | None:
     """
     if law.staged:
         return None
-    info, internal = law.model.info, law.internal
+    info, internal = law.model.info, dynamics(law)
     ranges = info.ranges
     if not {"u", "y"} <= set(ranges):
         return None
@@ -403,7 +411,7 @@ def run_away(law: Compensator, r: Array, path: Array, m0: float | None = None) -
 def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) -> Excursion | None:
     """Follow the law's internal eigenvalue; None where it depends on further channels."""
     try:
-        return excursion(law.internal, m, r, m0)
+        return excursion(dynamics(law), m, r, m0)
     except ModelError:
         return None
 
@@ -411,10 +419,10 @@ def _excursion(law: Compensator, m: Array, r: Array, m0: float | None = None) ->
 def law_radius_at(law: Compensator) -> float | None:
     """Return the largest internal eigenvalue of a law; None where it depends on where the law is."""
     try:
-        polynomial = _numbers(law.internal)
+        polynomial = _numbers(dynamics(law))
     except ModelError:
         return None
-    return None if polynomial.free_symbols - {z} else float(radius(law.internal, 0.0, 0.0))
+    return None if polynomial.free_symbols - {z} else float(radius(dynamics(law), 0.0, 0.0))
 
 
 def law_radius(law: Compensator, records: Records) -> float:
@@ -425,6 +433,6 @@ def law_radius(law: Compensator, records: Records) -> float:
     parts = segments(records)
     m_values, r_values = (np.concatenate([getattr(p, n) for p in parts]) for n in ("u", "y"))
     try:
-        return float(np.quantile(radius(law.internal, m_values, r_values), 0.99))
+        return float(np.quantile(radius(dynamics(law), m_values, r_values), 0.99))
     except ModelError:
         return 0.0  # it depends on further channels

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import sympy as sp
 from ...engines.compile import Compiled, compile
 from ...errors import Diverged, ModelError
 from ...inversion.compensator import Compensator
+from ...inversion.stability import internal_recursion
 from ...inversion.stages import in_order
 from ...models.model import Model
 from ...symbolic.signals import k, m, signal, y
@@ -110,8 +112,8 @@ def disturbance(
 ) -> Array:
     """Return how a small disturbance of the input grows or decays along a run of a law, without damping.
 
-    The law's own dynamics where there is no polynomial for them: of laws with branches and states. The law goes on from
-    the model's output, as it does on a machine.
+    By the derivatives of `narx_sym.inversion.stability.InternalRecursion`, so that laws with branches and states have
+    it too. The law goes on from the model's output, as it does on a machine.
 
     Parameters
     ----------
@@ -138,4 +140,11 @@ def disturbance(
             f"A disturbance is one of a law that is derived from a model, at one of {target.size} samples."
         )
     start = law.rest_input(float(target[0]), None) if m0 is None else float(m0)
-    return Trial(law, target, start, law.named(named(channels))).error_growth([at], target.size - 1)[0]
+    found = internal_recursion(law)
+    given = {**law.named(named(channels)), "m_kick": 1.0 * (np.arange(target.size) == at)}
+    prepared = Prepared.of(law, compile(found.recursion), target, start, given)
+    initial = {**prepared.initial, **{moved.name: 0.0 for moved in found.moved.values()}}
+    with np.errstate(all="ignore"):
+        run = replace(prepared, initial=initial).run({}, {}, 0, target.size)
+    size = np.abs(run[found.moved[m].name][prepared.depth :][at : target.size])
+    return np.asarray(np.nan_to_num(size, nan=np.inf, posinf=np.inf))

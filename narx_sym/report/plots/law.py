@@ -8,7 +8,7 @@ import numpy as np
 
 from ...data.units import said_first
 from ...errors import NarxError
-from ...fit.laws.internal import radius
+from ...fit.laws.internal import dynamics, radius
 from ...inversion.compensator import Compensator
 from ...inversion.stability import direction
 from ..figures.still import RED, label, new_axes
@@ -45,7 +45,8 @@ def plot_internal(
         spans[name] = (ranges or {}).get(name, (ends.min(), ends.max()) if ends.size else ())
     across, up = np.meshgrid(*(np.linspace(spans[name][0], spans[name][1], 161) for name in ("r", "m")))
     figure, axes = new_axes(1, 2, figsize=(11, 4.8))
-    maps, turns = [radius(law.internal, up, across, s) for s in (1, -1)], law.internal.turns
+    internal = dynamics(law)
+    maps, turns = [radius(internal, up, across, s) for s in (1, -1)], internal.turns
     largest = float(np.clip(np.ceil(5 * np.max(maps)) / 5, 1.2, 2.0))  # beyond it one colour
     for ax, values, s, word in zip(axes, maps, (1, -1), ("rises", "falls"), strict=True):
         filled = ax.contourf(
