@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.functions import CLASSES, KINKED, X
-from ..symbolic.identities import added
+from ..symbolic.identities import added, expanded
 from ..symbolic.sensitivity import derivative
 from .solution import ROUNDED, apart, number, size_of
 
@@ -56,12 +56,12 @@ def switching_of(node: Any, w: Any, values: Mapping[Any, Any]) -> list[Any]:
         forms = _forms(node.args[0], w)
     found = []
     for f in forms:
-        slope = sp.expand(derivative(f, w))
+        slope = expanded(derivative(f, w))
         size = None if slope.has(w) else number(slope, values)
         if slope != 0 and size is None:
             raise Undecided
         if size:
-            found.append(sp.expand(-sp.expand(f).xreplace({w: sp.S.Zero}) / slope))
+            found.append(expanded(-expanded(f).xreplace({w: sp.S.Zero}) / slope))
     return found
 
 
@@ -139,7 +139,7 @@ def far_out(expr: Any, w: Any, side: int, values: Mapping[Any, Any]) -> Piece:
         return value
 
     form = smooth_form(expr, w, side_of)
-    slope = sp.expand(derivative(form, w))
+    slope = expanded(derivative(form, w))
     return Piece(form, slope, number(slope, values), None, None, made_of=size_of(slope, values))
 
 
@@ -181,15 +181,15 @@ class Piece:
         """
         if self.curve != 0:
             at = self.right if self.left is None else self.left
-            rise, slope = target - sp.expand(self.expr.xreplace({w: at})), sp.expand(self.slope.xreplace({w: at}))
+            rise, slope = target - expanded(self.expr.xreplace({w: at})), expanded(self.slope.xreplace({w: at}))
             if slope == 0:  # a vertex: the form below would be 0/0 there
                 return at + (1 if at == self.left else -1) * sp.sqrt(sp.Max(0, rise / self.curve))
             return at + 2 * rise / (slope + side * sp.sqrt(sp.Max(0, slope**2 + 4 * self.curve * rise)))
         zero = self.expr.xreplace({w: sp.S.Zero})
-        forms = [sp.expand(target - zero) / self.slope if self.slope != 1 else sp.expand(target - zero)]
+        forms = [expanded(target - zero) / self.slope if self.slope != 1 else expanded(target - zero)]
         for at in (self.left, self.right):
             if at is not None:
-                rise = target - sp.expand(self.expr.xreplace({w: at}))
+                rise = target - expanded(self.expr.xreplace({w: at}))
                 forms.append(at + rise / self.slope)
         return min(forms, key=lambda f: (f.count_ops(), str(f)))
 
@@ -206,11 +206,11 @@ def pieces_of(G: Any, w: Any, breaks: Sequence[Any], values: Mapping[Any, Any]) 
             point = (left + right) / 2
         expr = at_point(G, w, point, values)
         slope = derivative(expr, w)  # brackets are kept: they are the model's own
-        slope = sp.expand(slope) if slope.has(w) else slope
+        slope = expanded(slope) if slope.has(w) else slope
         curve = derivative(slope, w) / 2
         if curve.has(w):
             raise Undecided
-        if pieces and sp.expand(expr - pieces[-1].expr) == 0:
+        if pieces and expanded(expr - pieces[-1].expr) == 0:
             here = at_point(G, w, left, values)
             if same(here.xreplace({w: left}), expr.xreplace({w: left}), values):
                 left = pieces.pop().left

@@ -9,7 +9,7 @@ from typing import Any
 
 import sympy as sp
 
-from ..symbolic.identities import added
+from ..symbolic.identities import added, expanded
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import samples
 from .breakpoints import DIGITS, FLAT, JUMPS, Undecided, breakpoints, nodes_of, ordered, pieces_of, smooth_part
@@ -49,7 +49,7 @@ def rising(G: Any, w: Any, values: Mapping[Any, Any]) -> tuple[bool, bool] | Non
 
 def parts_of(expr: Any, w: Any, values: Mapping[Any, Any]) -> list[Bounds]:
     """Return the finite bounds of what is added up in an expression."""
-    found = [bounds(part, w, values) for part in sp.Add.make_args(sp.expand(expr))]
+    found = [bounds(part, w, values) for part in sp.Add.make_args(expanded(expr))]
     return [part for part in found if math.isfinite(min(map(abs, part)))]
 
 
@@ -129,7 +129,7 @@ def keeps_sign(slope: Any, values: Mapping[Any, Any]) -> bool:
         return False
     s = samples(looked_at[0])[0]
     rest = looked_at[0].xreplace({s: sp.S.Zero})
-    alone = sp.expand(slope.xreplace({s: (z - rest) / derivative(looked_at[0], s)}))
+    alone = expanded(slope.xreplace({s: (z - rest) / derivative(looked_at[0], s)}))
     if samples(alone) or smooth_part(derivative(alone, z)).has(z):
         return False
     try:

@@ -16,7 +16,7 @@ from typing import Any
 import sympy as sp
 
 from ..symbolic.functions import within
-from ..symbolic.identities import added
+from ..symbolic.identities import added, expanded
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import signal
@@ -205,10 +205,10 @@ class _Chain:
             first, second = apart(here, below, self.values), apart(above, here, self.values)
             if first == 0 and second == 0:
                 continue
-            size = sp.Abs(sp.expand(above - below))
+            size = sp.Abs(expanded(above - below))
             within_jump = first is not None and second is not None and first * second >= 0
             if not within_jump and tidy(above + below - 2 * here) != 0:
-                size = sp.Abs(sp.expand(here - below)) + sp.Abs(sp.expand(above - here))
+                size = sp.Abs(expanded(here - below)) + sp.Abs(expanded(above - here))
                 x = text(self.made["unknown"])
                 notes.append(f"{x} = {text(at)} gives {text(here)}: it is taken, even if other values give that too")
             found.append(Branch(sp.Abs(self.target - here) <= DEAD_BAND * size, at))

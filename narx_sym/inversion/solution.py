@@ -8,7 +8,7 @@ from typing import Any
 
 import sympy as sp
 
-from ..symbolic.identities import added, vanishes
+from ..symbolic.identities import added, expanded, vanishes
 from ..symbolic.printing import InLatex, latex_sum, text
 from ..symbolic.sensitivity import derivative
 
@@ -94,11 +94,11 @@ class Polynomial(InLatex):
         left = gap.xreplace({unknown: w})
         if not left.is_polynomial(w):
             return None
-        left = sp.expand(left)
+        left = expanded(left)
         found: list[Any] = []
         while left != 0:  # Taylor's, at zero
-            found.append(sp.expand(left.xreplace({w: sp.S.Zero}) / sp.factorial(len(found))))
-            left = sp.expand(derivative(left, w))
+            found.append(expanded(left.xreplace({w: sp.S.Zero}) / sp.factorial(len(found))))
+            left = expanded(derivative(left, w))
         return cls(unknown, last, tuple(reversed(found))) if len(found) > 2 else None
 
     @property
@@ -260,7 +260,7 @@ def resting(unknown: Any, target: Any, expr: Any, last: Any, beside: Any = sp.S.
 
 def summed(gap: Any) -> Any:
     """Return the size of what is added up in an expression, which decides how large its rounding is."""
-    return sp.Add(*map(sp.Abs, sp.Add.make_args(sp.expand(gap))))
+    return sp.Add(*map(sp.Abs, sp.Add.make_args(expanded(gap))))
 
 
 def rounding(gap: Any, beside: Any) -> Any:
@@ -269,7 +269,7 @@ def rounding(gap: Any, beside: Any) -> Any:
     Each of its n operations rounds by at most 2^-53 of that size; so did each of those that made the target, beside
     the size of what was added up where it was solved for.
     """
-    return sp.Float(2.0**-52) * sp.count_ops(sp.expand(gap)) * (summed(gap) + beside)
+    return sp.Float(2.0**-52) * sp.count_ops(expanded(gap)) * (summed(gap) + beside)
 
 
 def _rounded(expr: Any) -> bool:
@@ -290,7 +290,7 @@ def _rounded(expr: Any) -> bool:
 
 def tidy(expr: Any) -> Any:
     """Return an expression expanded; over a common denominator where sums stand below."""
-    expr = sp.expand(expr)
+    expr = expanded(expr)
     below = (p for p in expr.atoms(sp.Pow) if p.base.is_Add and p.exp.is_negative)
     return sp.cancel(expr) if any(below) else expr
 
@@ -299,15 +299,15 @@ def number(expr: Any, values: Mapping[Any, Any]) -> float | None:
     """Return the value of an expression in which all samples cancel, or None."""
     held = sp.sympify(expr).xreplace(dict(values))
     if held.free_symbols:
-        held = sp.expand(held)
+        held = expanded(held)
     if held.free_symbols and (short := tidy(expr)) != expr:  # rounding must not keep samples that cancel
-        held = sp.expand(short.xreplace(dict(values)))
+        held = expanded(short.xreplace(dict(values)))
     return float(held) if held.is_number and held.is_extended_real else None
 
 
 def size_of(expr: Any, values: Mapping[Any, Any]) -> float:
     """Return the size of the numbers that are added up in an expression; 0 where all of it depends on samples."""
-    parts = (number(p, values) for p in sp.Add.make_args(sp.expand(expr)))
+    parts = (number(p, values) for p in sp.Add.make_args(expanded(expr)))
     return added(abs(p) for p in parts if p is not None)
 
 

@@ -9,6 +9,7 @@ import sympy as sp
 
 from ..errors import NotInvertible
 from ..symbolic.functions import CLASSES, KINKED, X
+from ..symbolic.identities import expanded
 from ..symbolic.printing import text
 from ..symbolic.sensitivity import derivative
 from ..symbolic.signals import renamed, samples
@@ -165,7 +166,7 @@ def _inverse_function(G: Any, w: Any, target: Any, values: Mapping[Any, Any], ma
     row = CLASSES.get(type(core))
     if row is None or row.inverse is None:
         # What numbers switch off does not count: a complete saturation is r*tanh(u/r) + (1 - c)*u with c = 1.
-        exact = sp.expand(G.xreplace(dict(values)))
+        exact = expanded(G.xreplace(dict(values)))
         return None if exact == G else _inverse_function(exact, w, target, {}, made)
     inner = core.args[0]
     scale = derivative(inner, w)

@@ -18,6 +18,7 @@ import sympy as sp
 from ..errors import NotInvertible
 from ..models.model import Model
 from ..symbolic.graph import Graph
+from ..symbolic.identities import expanded
 from ..symbolic.printing import text
 from ..symbolic.recursion import Recursion
 from ..symbolic.signals import INNER_INPUTS, INNER_OUTPUTS, held, k, lag, m, r, samples, shift, signal, swap, x, y
@@ -109,11 +110,11 @@ def _equations(model: Model) -> dict[Any, Any]:
     """Return the model's equations with the input called m; terms that their numbers switch off are gone."""
     found, off = {}, {s: sp.S.Zero for s, value in model.values.items() if not value}
     for left, right in model.recursion.updates:
-        exact = set(samples(sp.expand(right.xreplace(model.values))))
+        exact = set(samples(expanded(right.xreplace(model.values))))
         # Parameters that are zero switch most of them off: all others stay symbols, which do not round.
-        forms = (right, sp.expand(right.xreplace(off)))
+        forms = (right, expanded(right.xreplace(off)))
         same = (e for e in forms if not model.values or set(samples(e)) == exact)
-        found[left.base] = swap(next(same, None) or sp.expand(right.xreplace(model.values)), {model.input: m})
+        found[left.base] = swap(next(same, None) or expanded(right.xreplace(model.values)), {model.input: m})
     return found
 
 

@@ -159,6 +159,11 @@ def clearly_not_zero(expr: Any) -> bool:
     return abs(added(numbers)) > CLEAR * added(map(abs, numbers))
 
 
+def expanded(expr: Any) -> Any:
+    """Multiply out sums, but no exponent: of exp(-(a - b)**2) the factors overflow where it does not."""
+    return sp.expand(expr, power_exp=False)
+
+
 @lru_cache(maxsize=1024)
 def vanishes(expr: Any) -> bool:
     """Whether an expression is identically zero, as far as SymPy can tell; numbers are taken as they are written.

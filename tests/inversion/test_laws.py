@@ -383,6 +383,20 @@ def test_a_law_without_closed_form_says_so():
     assert "nearest to" not in law.internal.latex() and "Derivative" not in law.internal.latex()
 
 
+def test_an_exponential_of_a_difference_does_not_overflow():
+    """exp(-r[k]**2) exp(2 r[k] r[k-1]) is 0 times infinity where exp(-(r[k] - r[k-1])**2) is 1."""
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-2]"], [0.7, 0.4], operating_point={u: -1.0, y: 30.0})
+    model = with_effect(base, ("stribeck_friction", "inside", "y", ""), 0.01)
+    model = with_effect(model, ("coulomb_friction", "motion", "y", "holding, of a speed"), 0.7)
+    law = model.compensator()
+    target = 30 + np.sin(np.arange(80) / 9)
+    start = law.rest_input(30.0, None)
+    given, initial = {"r": target}, {"m": start, "free": 30.0, "y": 30.0}
+    found = [compile(law.recursion, engine)(given, model.theta, initial)["m"] for engine in ENGINES]
+    for run in found:
+        np.testing.assert_allclose(run, found[0], rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("effect", "value"),
     [
