@@ -36,9 +36,15 @@ class _Printer(NumPyPrinter):
         return reduce("logical_or({}, {})".format, map(self._print, expr.args))
 
 
-def lambdify(expressions: Sequence[Any], arguments: Sequence[Any]) -> Callable[..., Any]:
-    """Return a NumPy function of plain symbols; what is not finite is looked for where it matters."""
-    function = sp.lambdify(list(arguments), list(expressions), "numpy", _Printer(), cse=True, dummify=True)
+def lambdify(
+    expressions: Sequence[Any], arguments: Sequence[Any], steps: Sequence[tuple[Any, Any]] = ()
+) -> Callable[..., Any]:
+    """Return a NumPy function of plain symbols; what is not finite is looked for where it matters.
+
+    `steps` are pairs of a symbol and its expression that are computed before, in this order.
+    """
+    shared: Any = (lambda exprs: (list(steps), exprs)) if steps else True
+    function = sp.lambdify(list(arguments), list(expressions), "numpy", _Printer(), cse=shared, dummify=True)
 
     def quiet(*values: Any) -> Any:
         with np.errstate(all="ignore"):

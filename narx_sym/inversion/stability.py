@@ -157,9 +157,9 @@ def internal_recursion(law: Compensator) -> InternalRecursion:
     size, kick = sp.Dummy("size", real=True), signal("m_kick")
     disturbed = in_order(law.beside(lambda asked: asked + size * kick[k]), (*law.symbols, size))
     full, (moved,) = sensitivities(disturbed, [size])
-    at_zero, named = full.subs({size: sp.S.Zero}), {}
-    for left, right in at_zero.updates[: len(disturbed.updates)]:
-        named |= {} if right.is_Atom else {right: left}  # a derivative speaks of the root, not of its equation again
+    at_zero = full.subs({size: sp.S.Zero})
+    # A derivative speaks of the root, not of its equation again.
+    named = {right: left for left, right in at_zero.updates[: len(disturbed.updates)] if not right.is_Atom}
     shown = ((left, right.xreplace(named) if left.base in moved.values() else right) for left, right in at_zero.updates)
     return InternalRecursion(law, Recursion(tuple(shown), at_zero.parameters), moved)
 

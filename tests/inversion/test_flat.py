@@ -12,6 +12,7 @@ from sampling import some
 import narx_sym as ns
 from narx_sym.engines.compile import compile
 from narx_sym.errors import Diverged, Unreachable
+from narx_sym.fit.laws.backtracking import open_stages
 from narx_sym.fit.laws.driven import driven
 from narx_sym.models.extend import extend, variants
 
@@ -146,3 +147,18 @@ def test_the_value_nearest_to_the_last_one_is_taken(last, wanted, engine):
     assert found[2] == wanted
     below = compile(law.recursion, engine)({"r": np.r_[0.0, 0.0, np.full(4, -1.0)]}, law.theta, {"m": last})["m"]
     assert below[2] == wanted  # nothing lower is reached: it stays as near as it can, too
+
+
+def test_a_flat_piece_before_a_stage_that_takes_steps():
+    """Static friction behind a slack: what its stage computes first is known no sooner than what it reads."""
+    model = ns.NARX.from_terms(["y[k-1]", "u[k-2]"], [0.6, 0.4])
+    for effect, value in ((("backlash", "inside", "", "elastic"), 0.04), (("stiction", "motion", "y", ""), 0.15)):
+        added = next(v for v in variants(model) if (v.id, v.where) == effect[:2] and effect[3] in ("", v.effect.form))
+        made = extend(model, added)
+        given = dict(zip(model.symbols, model.theta, strict=True))
+        model = made.model.replace(theta=[given.get(s, value) for s in made.model.symbols])
+    law = model.compensator()
+    u = np.repeat([0.0, 0.6, -0.4, 0.9, 0.2], 12)
+    found = law.follow(model.simulate(u, 0.0, u0=0.0), 0.0, share=None)
+    assert any(b.flat for stage in open_stages(law) for b in stage.branches)
+    assert found.runs_away  # and says so

@@ -260,14 +260,17 @@ def _step(
     updates: Sequence[tuple[Any, Any]], values: Mapping[Any, Any]
 ) -> tuple[tuple[list[str], list[tuple[str, int]], Callable[..., Any]], dict[str, list[tuple[str, int]]]]:
     """Return the names of all sequences, which samples before they are made of, and their function; then each one's."""
-    made: dict[Any, Any] = {}
+    symbols = {left: sp.Symbol(f"x{i}", real=True) for i, (left, _) in enumerate(updates)}
+    reads: dict[Any, set[Any]] = {}
     for left, right in updates:
-        made[left] = right.xreplace(made).xreplace(dict(values))
-    read = sorted({s for e in made.values() for s in samples(e)}, key=str)
-    plain = [sp.Symbol(f"s{i}", real=True) for i in range(len(read))]
-    function = lambdify([e.xreplace(dict(zip(read, plain, strict=True))) for e in made.values()], plain)
-    reads = {left.base.name: [(s.base.name, lag(s)) for s in samples(e)] for left, e in made.items()}
-    return (list(reads), [(s.base.name, lag(s)) for s in read], function), reads
+        now = set(samples(right))
+        reads[left] = (now - reads.keys()).union(*(reads[s] for s in now & reads.keys()))
+    read = sorted(set().union(*reads.values()), key=str)
+    plain = {s: sp.Symbol(f"s{i}", real=True) for i, s in enumerate(read)}
+    steps = [(symbols[left], right.xreplace({**dict(values), **symbols, **plain})) for left, right in updates]
+    function = lambdify(list(symbols.values()), list(plain.values()), steps)
+    made = {left.base.name: [(s.base.name, lag(s)) for s in some] for left, some in reads.items()}
+    return (list(made), [(s.base.name, lag(s)) for s in read], function), made
 
 
 def _updates(law: Compensator, stages: Sequence[Solution], end: tuple[Solution, FlatEnd] | None) -> list[Any]:
@@ -293,7 +296,15 @@ def _updates(law: Compensator, stages: Sequence[Solution], end: tuple[Solution, 
         for base, delay in graph.delays(one.base).items():
             if delay is not None:
                 leads[base] = min(delay - lag(one), leads.get(base, delay - lag(one)))
-    later = [(leads.get(left.base, -lag(left)) + lag(left), left, right) for left, right in updates]
-    found = [(shift(left, n), shift(right, n)) for n, left, right in later]
+    earlier = {left.base: leads.get(left.base, -lag(left)) + lag(left) for left, _ in updates}
+    own, settled = {left.base: -lag(left) for left, _ in updates}, False
+    while not settled:  # none before what it reads
+        settled = True
+        for left, right in updates:
+            known = (own[s.base] + earlier[s.base] + lag(s) for s in samples(right) if s.base in own)
+            first = min(known, default=earlier[left.base])
+            if first < earlier[left.base]:
+                earlier[left.base], settled = first, False
+    found = [(shift(left, earlier[left.base]), shift(right, earlier[left.base])) for left, right in updates]
     found += [(signal(f"{NOW}{i}")[k], e) for i, e in enumerate(rooms)]
     return [*found, (signal(WIDE)[k], sp.sympify(end[1].width))] if end and end[1].width is not None else found
