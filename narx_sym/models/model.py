@@ -239,8 +239,9 @@ class Model(ModelDoors, printing.InLatex):
     @property
     def memory(self) -> tuple[State, ...]:
         """The internal states of the model and its effects."""
-        own = own_states(self)
-        return tuple(s for s in self.states if (s.remembers or s.left.base.name in own) and s.left.base != x)
+        own, past = own_states(self), {s.base for s in self.recursion.past}
+        kept = {s.left.base for s in self.recurrent} & past
+        return tuple(s for s in self.states if (s.left.base in kept or s.left.base.name in own) and s.left.base != x)
 
     @cached_property
     def recurrent(self) -> tuple[State, ...]:

@@ -137,6 +137,10 @@ BENCHMARKS = {
             ("nonlinear FIR, quoted by Forgione and Piga 2021", "16.3", ""),
         ],
         ("multisine", "sine sweep"),
+        # The input is not held: a mass and a spring that are driven by straight lines between its samples.
+        "y[k] = a1*y[k-1] + a2*y[k-2] + b0*u[k] + b1*u[k-1] + b2*u[k-2]\n"
+        "a1 ~ 1.8\na2 ~ -0.9\nb0 ~ 0\nb1 ~ 1e-6\nb2 ~ 0",
+        ("hysteresis", "inside"),
     ),
     "emps": Benchmark(
         "Positioning system EMPS", here("emps", "train.csv", ("test with pulses", "test_pulses.csv", 20, False)),

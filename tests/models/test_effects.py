@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import sympy as sp
+from places import SHARED, needs_shared
 
 import narx_sym as ns
 from narx_sym.engines.compile import compile
@@ -395,3 +396,14 @@ def test_the_base_of_the_wrong_ones_is_good():
     assert text_effect(MINE).equations().z == (x[k] ** 2,)
     assert text_effect(MINE | {"z": "u[k]*y[k-1]", "where": "inside", "driver": "uy"}).arguments == ("u", "y")
     assert text_effect(MINE | {"z": "u[k] + Ts"}).equations(Ts=0.5).z == (u[k] + sp.Float(0.5),)
+
+
+@needs_shared
+def test_the_hysteresis_of_the_benchmark_lies_in_its_range():
+    """Noel & Schoukens (2016): beta gamma = 800, delta / gamma = -1.375; the loop stiffens."""
+    record = ns.read(SHARED / "boucwen" / "train_multisine.csv")[:4000]
+    base = ns.NARX.from_terms(["y[k-1]", "y[k-2]", "u[k]", "u[k-1]", "u[k-2]"], Ts=record.Ts).fit(record)
+    model = base.add("hysteresis", "inside").fit(record)
+    found = {str(s): value for s, value in zip(model.symbols, model.theta, strict=True)}
+    assert found["b_hysteresis"] == pytest.approx(800, rel=0.02)
+    assert found["g_hysteresis"] == pytest.approx(-1.375, rel=0.01)
