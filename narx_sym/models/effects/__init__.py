@@ -11,24 +11,7 @@ from ._text import load_effects, text_effect
 DETECTED = ("sensor_saturation", "quantisation")
 
 __all__ = [
-    "DETECTED",
-    "EFFECTS",
-    "MACHINES",
-    "PLACES",
-    "Catalogue",
-    "Effect",
-    "Form",
-    "Scan",
-    "between",
-    "clip",
-    "disturbance",
-    "dynamics",
-    "effect",
-    "friction",
-    "load_effects",
-    "memory",
-    "sensor",
-    "static",
-    "step",
+    "DETECTED", "EFFECTS", "MACHINES", "PLACES", "Catalogue", "Effect", "Form", "Scan", "between", "clip",
+    "disturbance", "dynamics", "effect", "friction", "load_effects", "memory", "sensor", "static", "step",
     "text_effect",
-]
+]  # fmt: skip

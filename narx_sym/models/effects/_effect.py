@@ -270,6 +270,13 @@ class Effect(EffectDoors):
             [*places, *units, *(["tried only if an error remains with its other forms"] if self.closer else [])]
         )
 
+    def another(self, form: str, where: str | dict[str, Any], **options: Any) -> Callable[[Callable[..., Any]], Effect]:
+        """Declare another form: with the id and sentence of this one, its share too unless that is given.
+
+        See `effect` for the options; the docstring of the function says what the form is.
+        """
+        return effect(where, id=self.id, form=form, sentence=self.sentence, **{"share": self.share} | options)
+
     def __repr__(self) -> str:
         return f"Effect({self.id}{', ' + self.form if self.form else ''})"
 

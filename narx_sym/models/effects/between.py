@@ -12,9 +12,9 @@ import sympy as sp
 
 from ...symbolic.recursion import State
 from ...symbolic.signals import k, signal
-from . import static  # noqa: F401  # declares the other forms of the stops
-from ._effect import EFFECTS, WHOLE, Form, Scan, clip, effect
-from .memory import play
+from . import static  # its effects stand first in the catalogue
+from ._effect import WHOLE, Effect, Form, Scan, clip
+from .memory import backlash, play
 
 BETWEEN = "behind a lag"
 FIRST = Scan("time", (0.1, 0.35, 0.6), beyond=2.0)  # a few samples to a tenth of the record
@@ -26,29 +26,26 @@ def first_lag(x: Any, w: Any, tau: Any, Ts: Any) -> State:
     return State(w[k], w[k - 1] + (x[k] - w[k - 1]) / (1 + tau / Ts), x[k])
 
 
-def behind_a_lag(id: str, form: str = BETWEEN, source: str = "Billings & Fakhouri 1982 (general model)") -> Any:
-    """Declare a form of an effect that stands behind a first-order lag, with the sentence of its other forms."""
-    return effect(
-        "input", scan={"r": LIMIT, "tau": FIRST}, share=WHOLE, id=id, form=form, source=source,
-        sentence=EFFECTS[id][0].sentence,
-    )  # fmt: skip
+def behind_a_lag(one: Effect, form: str = BETWEEN, source: str = "Billings & Fakhouri 1982 (general model)") -> Any:
+    """Declare a form of an effect that stands behind a first-order lag."""
+    return one.another(form, "input", scan={"r": LIMIT, "tau": FIRST}, share=WHOLE, source=source)
 
 
-@behind_a_lag("dead_zone")
+@behind_a_lag(static.dead_zone)
 def lagged_dead_zone(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """What is left of the lag beyond r."""
     w = signal("w")
     return Form((w[k] - clip(w[k], r) - x[k],), (first_lag(x, w, tau, Ts),))
 
 
-@behind_a_lag("saturation")
+@behind_a_lag(static.saturation)
 def lagged_saturation(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """The lag, limited to r."""
     w = signal("w")
     return Form((clip(w[k], r) - x[k],), (first_lag(x, w, tau, Ts),))
 
 
-@behind_a_lag("backlash")
+@behind_a_lag(backlash)
 def lagged_backlash(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """The lag, through a play."""
     w, p = signal("w"), signal("p")
@@ -63,19 +60,21 @@ def limited_lag(x: Any, tau: Any, Ts: Any, limit: Any) -> Form:
     return Form((w[k] - x[k],), (State(w[k], limit(free.right), x[k]),))
 
 
-@behind_a_lag("end_stop", "of a first lag, upper", "Schoukens & Noel 2017 (cascaded tanks: overflow of the upper one)")
+@behind_a_lag(
+    static.end_stop, "of a first lag, upper", "Schoukens & Noel 2017 (cascaded tanks: overflow of the upper one)"
+)
 def upper_stop_of_a_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """w[k] = Min(lag of x, r)."""
     return limited_lag(x, tau, Ts, lambda free: sp.Min(free, r))
 
 
-@behind_a_lag("end_stop", "of a first lag, lower", "Schoukens & Noel 2017, mirrored")
+@behind_a_lag(static.end_stop, "of a first lag, lower", "Schoukens & Noel 2017, mirrored")
 def lower_stop_of_a_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """w[k] = Max(lag of x, -r)."""
     return limited_lag(x, tau, Ts, lambda free: sp.Max(free, -r))
 
 
-@behind_a_lag("end_stop", "of a first lag, spilling over", "Schoukens & Noel 2017 (cascaded tanks)")
+@behind_a_lag(static.end_stop, "of a first lag, spilling over", "Schoukens & Noel 2017 (cascaded tanks)")
 def spilling_lag(x: Any, r: Any, tau: Any, Ts: Any) -> Form:
     """A first tank that overflows at r; a share c2 of what leaves it so reaches the next one at once."""
     w, f = signal("w"), signal("f")

@@ -22,9 +22,9 @@ def drift(t: Any) -> Any:
     return t[k]
 
 
-@effect("output", driver="t", id="drift", form="bent", source="Ljung 1999")
+@drift.another("bent", {"output": "t"}, source="Ljung 1999")
 def bent_drift(t: Any) -> list[Any]:
-    """Drift: the output wanders off steadily with time."""
+    """Not in proportion to the time."""
     return [t[k], t[k] ** 2]
 
 

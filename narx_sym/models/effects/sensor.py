@@ -12,6 +12,7 @@ from ._effect import WHOLE, Scan, effect
 
 # What is measured ends where the limit is: beyond the range there is nothing to be seen.
 EDGE = Scan("amplitude", (0.3, 0.5, 0.7, 0.85, 1.0), beyond=1.2)
+LIMIT = "Tao & Kokotovic 1996"
 
 
 # A half of it shows one direction only, which is a limit at zero; less shows both, with different gains.
@@ -24,28 +25,19 @@ def absolute_sensor(x: Any) -> Any:
     return sp.Abs(x[k]) - x[k]
 
 
-def limited(form: str, limits: tuple[str, ...] = ("r",)) -> Any:
-    """Declare one form of a sensor's limit, with the names of its levels."""
-    return effect(
-        {"sensor": "y"}, scan=dict.fromkeys(limits, EDGE), share=WHOLE, id="output_limit", form=form,
-        source="Tao & Kokotovic 1996", means={"circuit": "clipping"},
-        sentence="The measured output ends at a limit: that of the sensor, or where a contact is lost.",
-    )  # fmt: skip
-
-
-@limited("upper")
+@effect({"sensor": "y"}, scan={"r": EDGE}, share=WHOLE, form="upper", source=LIMIT, means={"circuit": "clipping"})
 def output_limit(x: Any, r: Any) -> Any:
-    """y[k] = Min(sensed[k], r)."""
+    """The measured output ends at a limit: that of the sensor, or where a contact is lost."""
     return sp.Min(x[k], r) - x[k]
 
 
-@limited("lower")
+@output_limit.another("lower", {"sensor": "y"}, scan={"r": EDGE}, source=LIMIT)
 def lower_limit(x: Any, r: Any) -> Any:
     """y[k] = Max(sensed[k], -r)."""
     return sp.Max(x[k], -r) - x[k]
 
 
-@limited("both sides", limits=("r", "e"))
+@output_limit.another("both sides", {"sensor": "y"}, scan={"r": EDGE, "e": EDGE}, source=LIMIT)
 def both_limits(x: Any, r: Any, e: Any) -> Any:
     """y[k] = sensed[k] between -e and r."""
     return within(x[k], -e, r) - x[k]  # the middle of what a sensor shows is not where the machine works

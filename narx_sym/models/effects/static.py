@@ -14,78 +14,48 @@ LOSSES = {  # what a force or a flow that is bent over the output is, where the 
     "thermal": "a loss that grows faster than linearly", "tank": "an outflow that is not in proportion to the level",
     "propeller": "drag", "process": "a rate that is not in proportion to the state",
 }  # fmt: skip
+INPUT, STOP = "Tao & Kokotovic 1996", "Shaw & Holmes 1983"
 CURVED_POWER = "heating that is not in proportion to the input"
 ENDS = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9))
 REACHED = Scan("amplitude", (0.15, 0.3, 0.5, 0.7, 0.9), beyond=1.1)  # a stop beyond what was reached is not seen
 
 
 @effect(
-    "input",
-    scan={"r": AMPLITUDE},
-    share=WHOLE,
-    source="Tao & Kokotovic 1996",
-    centred=True,
+    "input", scan={"r": AMPLITUDE}, share=WHOLE, source=INPUT, centred=True,
     means={"tank": "a pump threshold", "propeller": "a threshold"},
-)
+)  # fmt: skip
 def dead_zone(x: Any, r: Any) -> Any:
     """Dead zone: small inputs have no effect."""
     return -clip(x[k], r)
 
 
-@effect(
-    "input",
+@dead_zone.another(
+    "two slopes", "input", source=INPUT, centred=True,
     scan={"r": Scan("amplitude", (0.08, 0.2, 0.45, 0.7)), "g": Scan("amplitude", (0.5, 2.0), power=0, beyond=2.0)},
-    share=WHOLE,
-    source="Tao & Kokotovic 1996",
-    id="dead_zone",
-    form="two slopes",
-    centred=True,
-)
+)  # fmt: skip
 def two_slopes(x: Any, r: Any, g: Any) -> Any:
-    """Dead zone: small inputs have no effect."""
-    # The gain is 1 beyond r and g below -r; between them 1 - c.
+    """The gain is 1 beyond r and g below -r; between them 1 - c."""
     return sp.Max(x[k] - r, 0) + g * sp.Min(x[k] + r, 0) - x[k]
 
 
 @effect(
-    "input",
-    scan={"r": Scan("amplitude", (0.3, 0.6, 1.0, 1.5))},
-    share=WHOLE,
-    source="Tao & Kokotovic 1996",
-    form="soft",
-    centred=True,
+    "input", scan={"r": Scan("amplitude", (0.3, 0.6, 1.0, 1.5))}, share=WHOLE, source=INPUT, form="soft", centred=True,
     means={"smart-material": "saturation", "circuit": "clipping", "valve": "an end of the stroke"},
-)
+)  # fmt: skip
 def saturation(x: Any, r: Any) -> Any:
     """Saturation: the effect of large inputs grows less and less."""
     return r * sp.tanh(x[k] / r) - x[k]
 
 
-@effect(
-    "input",
-    scan={"r": AMPLITUDE},
-    share=WHOLE,
-    id="saturation",
-    source="Tao & Kokotovic 1996",
-    form="hard",
-    centred=True,
-)
+@saturation.another("hard", "input", scan={"r": AMPLITUDE}, source=INPUT, centred=True)
 def hard_saturation(x: Any, r: Any) -> Any:
-    """Saturation: the effect of large inputs grows less and less."""
+    """The input, limited to r."""
     return clip(x[k], r) - x[k]
 
 
-@effect(
-    "input",
-    scan={"r": ENDS, "e": ENDS},
-    share=WHOLE,
-    id="saturation",
-    source="Tao & Kokotovic 1996",
-    form="hard, two limits",
-    centred=True,
-)
+@saturation.another("hard, two limits", "input", scan={"r": ENDS, "e": ENDS}, source=INPUT, centred=True)
 def unequal_saturation(x: Any, r: Any, e: Any) -> Any:
-    """Saturation: the effect of large inputs grows less and less."""
+    """The input between -e and r."""
     return within(x[k], -e, r) - x[k]
 
 
@@ -102,11 +72,9 @@ def quadratic_gain(x: Any) -> Any:
 
 
 @effect(
-    "input",
-    source="Billings 2013",
-    centred=True,
+    "input", source="Billings 2013", centred=True,
     means={"thermal": CURVED_POWER, "smart-material": "saturation", "circuit": "clipping"},
-)
+)  # fmt: skip
 def cubic_gain(x: Any) -> Any:
     """A gain that depends on the size of the input, in the same way in both directions."""
     return x[k] ** 3
@@ -124,47 +92,40 @@ def quadratic_spring(x: Any) -> Any:
     return x[k] ** 2
 
 
-def stop(form: str, limits: tuple[str, ...] = ("r",), place: str = "inside", share: Any = POSITIVE) -> Any:
-    """Declare one form of an end stop, with the names of its limits."""
-    sentence = "An end stop, or a spring on one side: beyond a position a force pushes back (in a tank: the overflow)."
-    return effect(
-        {place: "y"}, scan=dict.fromkeys(limits, REACHED), share=share, id="end_stop", form=form, sentence=sentence,
-        source="Shaw & Holmes 1983", never="smart-material propeller battery",
-        means={"tank": "overflow", "valve": "an end of the stroke"},
-    )  # fmt: skip
-
-
-@stop("upper")
-def upper_stop(x: Any, r: Any) -> Any:
-    """A force c Max(y[k-1] - r, 0) pushes back."""
+@effect(
+    {"inside": "y"}, scan={"r": REACHED}, share=POSITIVE, form="upper", source=STOP,
+    never="smart-material propeller battery", means={"tank": "overflow", "valve": "an end of the stroke"},
+)  # fmt: skip
+def end_stop(x: Any, r: Any) -> Any:
+    """An end stop, or a spring on one side: beyond a position a force pushes back (in a tank: the overflow)."""
     return -sp.Max(x[k] - r, 0)
 
 
-@stop("lower")
+@end_stop.another("lower", {"inside": "y"}, scan={"r": REACHED}, source=STOP)
 def lower_stop(x: Any, r: Any) -> Any:
     """A force c Max(-r - y[k-1], 0) pushes back."""
     return sp.Max(-x[k] - r, 0)
 
 
-@stop("both sides")
+@end_stop.another("both sides", {"inside": "y"}, scan={"r": REACHED}, source=STOP)
 def both_stops(x: Any, r: Any) -> Any:
     """A gap of half-width r between two springs."""
     return clip(x[k], r) - x[k]
 
 
-@stop("rigid upper", place="motion", share=WHOLE)
+@end_stop.another("rigid upper", {"motion": "y"}, scan={"r": REACHED}, share=WHOLE, source=STOP)
 def rigid_upper_stop(x: Any, y: Any, r: Any) -> Any:
     """y[k] = Min(free[k], r): x is the step from y[k-1] to free[k]."""
     return -sp.Max(y[k - 1] + x[k] - r, 0)
 
 
-@stop("rigid lower", place="motion", share=WHOLE)
+@end_stop.another("rigid lower", {"motion": "y"}, scan={"r": REACHED}, share=WHOLE, source=STOP)
 def rigid_lower_stop(x: Any, y: Any, r: Any) -> Any:
     """y[k] = Max(free[k], -r)."""
     return sp.Max(-r - y[k - 1] - x[k], 0)
 
 
-@stop("rigid both sides", limits=("r", "e"), place="motion", share=WHOLE)
+@end_stop.another("rigid both sides", {"motion": "y"}, scan={"r": REACHED, "e": REACHED}, share=WHOLE, source=STOP)
 def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
     """y[k] = free[k] between -e and r."""
     free = y[k - 1] + x[k]
@@ -172,14 +133,10 @@ def rigid_stops(x: Any, y: Any, r: Any, e: Any) -> Any:
 
 
 @effect(
-    "inside",
-    driver="y",
-    scan={"a": Scan("depth", (1.05, 1.4, 2.2, 4.0), beyond=1.5)},
-    share=POSITIVE,
+    {"inside": "y"}, scan={"a": Scan("depth", (1.05, 1.4, 2.2, 4.0), beyond=1.5)}, share=POSITIVE, means=LOSSES,
     source="Torricelli 1643; laminar below a hundredth of a",
     never="thermal drive motion-force smart-material soft propeller structure circuit battery pendulum",
-    means=LOSSES,
-)
+)  # fmt: skip
 def sqrt_outflow(x: Any, a: Any) -> Any:
     """An outflow proportional to the square root of the level, as from a tank: a low level falls more slowly."""
     level = sp.Max(x[k] + a, 0)  # above the outlet, which lies a below the operating point: there it is balanced
@@ -198,26 +155,18 @@ def gravity(x: Any) -> Any:
     return sp.sin(x[k])
 
 
-@effect(
-    "inside",
-    driver="y",
-    source="Huygens 1673 (the angle in degrees)",
-    centred=True,
-    only="pendulum",
-    id="gravity",
-    form="in degrees",
+@gravity.another(
+    "in degrees", {"inside": "y"}, source="Huygens 1673 (the angle in degrees)", centred=True, only="pendulum"
 )
 def gravity_in_degrees(x: Any) -> Any:
-    """Gravity of a pendulum: the torque is proportional to the sine of the angle."""
+    """Of an angle in degrees."""
     return sp.sin(sp.pi / 180 * x[k])
 
 
 @effect(
-    {"inside": "uy"},
-    scan={"r": Scan("amplitude", (0.02, 0.1, 0.4))},
+    {"inside": "uy"}, scan={"r": Scan("amplitude", (0.02, 0.1, 0.4))}, only="tank valve process",
     source="Torricelli 1643; laminar below r (Ellman & Piche 1999)",
-    only="tank valve process",
-)
+)  # fmt: skip
 def orifice(u: Any, y: Any, r: Any) -> Any:
     """A flow proportional to the square root of the pressure difference between input and output, as in an orifice."""
     p = u[k] - y[k - 1]
