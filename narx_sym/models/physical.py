@@ -7,8 +7,8 @@ step r of the motion (y[k] = y[k-1] + soft(d, r)) is the force r / B(1). Steps a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sympy as sp
@@ -16,7 +16,7 @@ import sympy as sp
 from ..symbolic.signals import INNER_INPUTS, samples
 from .added import AddedEffect
 from .continuous_time import TIME, Linear, Row, Unit
-from .effects import Effect
+from .effects import PLACES, Effect
 from .extend import form_of
 from .model import Model
 
@@ -62,6 +62,15 @@ class Subject:
         """Return a shape parameter."""
         return self.added.shape[name]
 
+    @property
+    def way(self) -> Any:
+        """The speed of what moves, in the equation."""
+        return Y if self.of_speed else SPEED
+
+    def symbol(self, name: str) -> Any:
+        """Return the symbol of one of its quantities in the equation."""
+        return sp.Symbol(name + self.number)
+
     def force(self, expr: Any) -> Any:
         """Return what a contribution is as a force along the input's, positive upwards."""
         B = self.direction * self.linear.B
@@ -96,7 +105,6 @@ def _unit(said: str, added: AddedEffect) -> Unit:
     if driver is not None:
         known |= {
             "unit of the driver": driver, "unit of the driver times s": Unit(input=driver.input, y=driver.y, s=1),
-            "1 / unit of the driver": Unit(input=-driver.input, y=-driver.y),
             " / unit of the driver": Unit(input=-driver.input, y=-driver.y),
         }  # fmt: skip
     return known.get(said, Unit(said=said))
@@ -109,25 +117,25 @@ class Found:
     Attributes
     ----------
     rows : list of Row
+        Parameters that stand in none of them follow with their own units.
     term : expression in y(t) and its derivative, in the symbols of the rows [force]; what stands against the motion
-    told : names of the parameters that the rows tell; others follow with their own units
     note : what stands in front of the equation or behind it, in words
     """
 
     rows: list[Row]
     term: Any = sp.S.Zero
-    told: tuple[str, ...] = ("c",)
     note: str = ""
 
 
-RULES: dict[str, Callable[[Subject], Found | None]] = {}
+Told = Callable[[Subject], Found | None]
+RULES: dict[str, Told] = {}
 
 
-def rule(*ids: str) -> Callable[[Callable[[Subject], Found | None]], Callable[[Subject], Found | None]]:
+def rule(*ids: str, only: Collection[str] = PLACES) -> Callable[[Told], Told]:
     """Register how effects of some ids are told; None where a form or place has no physical form here."""
 
-    def register(of: Callable[[Subject], Found | None]) -> Callable[[Subject], Found | None]:
-        RULES.update(dict.fromkeys(ids, of))
+    def register(of: Told) -> Told:
+        RULES.update(dict.fromkeys(ids, lambda subject: of(subject) if subject.added.where in only else None))
         return of
 
     return register
@@ -136,48 +144,31 @@ def rule(*ids: str) -> Callable[[Callable[[Subject], Found | None]], Callable[[S
 # -- forces on what moves --------------------------------------------------------------------------------------
 
 
-def _side(subject: Subject) -> Any:
-    """Return the direction of the motion."""
-    return sp.sign(Y if subject.of_speed else SPEED)
-
-
 @rule("coulomb_friction")
 def coulomb(subject: Subject) -> Found | None:
     """Tell friction of constant size: a force, or a part of an output that is a force."""
-    added, symbol = subject.added, sp.Symbol("F_C" + subject.number)
-    told: tuple[str, ...] = ("c",)
+    added, size = subject.added, subject.symbol("F_C")
     if added.where == "output" and added.driver == "u":
         if added.form == "viscoelastic":  # its spring is stretched so far at most, either way
-            ends = {"up": ("r", "F_u"), "down": ("e", "F_d")}
-            return Found(
-                [
-                    subject.row(f"Coulomb friction {n}", f, subject.c * subject.shape(p), Unit(y=1))
-                    for n, (p, f) in ends.items()
-                ],
-                told=("c", "r", "e"),
-            )
+            ends = {"up": ("r", "F_u"), "down": ("e", "F_d")}.items()
+            sizes = {n: (f, subject.c * subject.shape(p)) for n, (p, f) in ends}
+            return Found([subject.row(f"Coulomb friction {n}", f, e, Unit(y=1)) for n, (f, e) in sizes.items()])
         taken = sp.Add(*(e.coefficients.get("c", 1) * e.shape["w"] for e in _slacks(subject.model, added)))
         return Found([subject.row("Coulomb friction", "F_C", subject.c * (1 - taken), Unit(y=1))])
-    if added.where == "motion":
-        size, told = subject.force(subject.c * subject.shape("r")), ("c", "r")
-    elif added.where in MOVING:
-        size = -subject.force(subject.c)
-    else:
+    if added.where not in MOVING:
         return None
-    rows = [subject.row("Coulomb friction", "F_C", size, Unit(1))]
+    held = added.where == "motion"
+    force = subject.force(subject.c * subject.shape("r")) if held else -subject.force(subject.c)
+    rows = [subject.row("Coulomb friction", "F_C", force, Unit(1))]
     if "s" in added.shape and added.form.startswith("smooth"):
         unit = Unit(y=1) if subject.of_speed else Unit(y=1, s=-1)
-        rows.append(
-            subject.row("speed at which friction is reached", "v_C", subject.shape("s") / subject.Ts, unit, False)
-        )
-        return Found(
-            rows, symbol * sp.tanh((Y if subject.of_speed else SPEED) / sp.Symbol("v_C" + subject.number)), ("c", "s")
-        )
+        reached = subject.shape("s") / subject.Ts
+        rows.append(subject.row("speed at which friction is reached", "v_C", reached, unit, False))
+        return Found(rows, size * sp.tanh(subject.way / subject.symbol("v_C")))
     if "r" in added.shape and "Dahl" in added.form:
         unit = Unit(y=1, s=1) if subject.of_speed else Unit(y=1)
         rows.append(subject.row("way over which friction turns round", "x_C", subject.shape("r"), unit, False))
-        told = ("c", "r")
-    return Found(rows, symbol * _side(subject), told)
+    return Found(rows, size * sp.sign(subject.way))
 
 
 def _slacks(model: Model, friction: AddedEffect) -> list[AddedEffect]:
@@ -185,169 +176,133 @@ def _slacks(model: Model, friction: AddedEffect) -> list[AddedEffect]:
     return [e for e in model.effects if e.where == "friction" and "w" in e.shape and friction.form == "elastic"]
 
 
-@rule("stiction")
-def stiction(subject: Subject) -> Found | None:
+@rule("stiction", only=("motion",))
+def stiction(subject: Subject) -> Found:
     """Tell friction that holds: on the move, and to break loose."""
-    if subject.added.where != "motion":
-        return None
     moving, more = (subject.force(subject.c * subject.shape(n)) for n in ("r", "e"))
     rows = [subject.row("Coulomb friction", "F_C", moving, Unit(1))]
     rows.append(subject.row("breakaway friction", "F_S", moving + more, Unit(1)))
-    return Found(rows, sp.Symbol("F_C" + subject.number) * _side(subject), ("c", "r", "e"))
+    return Found(rows, subject.symbol("F_C") * sp.sign(subject.way))
 
 
-@rule("stribeck_friction")
-def stribeck(subject: Subject) -> Found | None:
+@rule("stribeck_friction", only=MOVING)
+def stribeck(subject: Subject) -> Found:
     """Tell friction at rest beyond that of motion, and the speed at which it is gone."""
-    if subject.added.where not in MOVING:
-        return None
-    size, slow = sp.Symbol("F_S" + subject.number), sp.Symbol("v_S" + subject.number)
     rows = [subject.row("Stribeck friction", "F_S", -subject.force(subject.c), Unit(1))]
     rows.append(subject.row("Stribeck speed", "v_S", subject.shape("s") / subject.linear.Ts, Unit(y=1, s=-1)))
-    return Found(rows, size * sp.exp(-((SPEED / slow) ** 2)) * sp.sign(SPEED), ("c", "s"))
+    size, slow = subject.symbol("F_S"), subject.symbol("v_S")
+    return Found(rows, size * sp.exp(-((SPEED / slow) ** 2)) * sp.sign(SPEED))
 
 
-@rule("channel_friction")
-def loaded(subject: Subject) -> Found | None:
+@rule("channel_friction", only=MOVING)
+def loaded(subject: Subject) -> Found:
     """Tell friction that grows with a channel: its part without it, and its slope."""
-    added = subject.added
-    if added.where not in MOVING:
-        return None
-    names, sign = (("r", "q"), 1) if added.where == "motion" else (("c1", "c2"), -1)
-    symbols = [added.symbols.get(n, sp.S.Zero) for n in names]
-    if added.where == "motion":
-        symbols = [subject.c * s for s in symbols]
-    constant, slope = (sign * subject.force(s) for s in symbols)
+    added, held = subject.added, subject.added.where == "motion"
+    parts = (added.symbols.get(n, sp.S.Zero) for n in (("r", "q") if held else ("c1", "c2")))
+    constant, slope = (subject.force(subject.c * e) if held else -subject.force(e) for e in parts)
     channel = added.effect.partition(":")[2]
     rows = [subject.row("Coulomb friction", "F_C", constant, Unit(1))]
-    per = subject.row(f"Coulomb friction per {channel}", "F_q", slope, Unit(1))
-    return Found([*rows, per], told=("c", *names), note=f"friction is F_C + F_q {channel}")
+    rows.append(subject.row(f"Coulomb friction per {channel}", "F_q", slope, Unit(1)))
+    return Found(rows, note=f"friction is F_C + F_q {channel}")
 
 
-@rule("quadratic_drag")
-def drag(subject: Subject) -> Found | None:
+@rule("quadratic_drag", only=MOVING)
+def drag(subject: Subject) -> Found:
     """Tell drag with the square of the speed."""
-    if subject.added.where not in MOVING:
-        return None
-    unit, way = (Unit(1, -2), Y) if subject.of_speed else (Unit(1, -2, 2), SPEED)
+    unit, way = Unit(1, -2) if subject.of_speed else Unit(1, -2, 2), subject.way
     size = -subject.force(subject.c) * subject.Ts**2
-    return Found([subject.row("quadratic drag", "D", size, unit)], sp.Symbol("D" + subject.number) * way * sp.Abs(way))
+    return Found([subject.row("quadratic drag", "D", size, unit)], subject.symbol("D") * way * sp.Abs(way))
 
 
 @rule("uneven_speed")
-def uneven(subject: Subject) -> Found | None:
+def uneven(subject: Subject) -> Found:
     """Tell how much larger viscous friction is down than up: a step s < 0 becomes (1 + c) s."""
     more = -subject.c / (1 + subject.c) * subject.linear.Ts / (subject.direction * subject.linear.B)
     name = "further viscous friction while the output falls"
-    symbol = sp.Symbol("d_f" + subject.number)
-    return Found([subject.row(name, "d_f", more, Unit(1, -1, 1))], symbol * sp.Min(SPEED, 0))
+    return Found([subject.row(name, "d_f", more, Unit(1, -1, 1))], subject.symbol("d_f") * sp.Min(SPEED, 0))
 
 
-@rule("hardening_spring")
-def cubic(subject: Subject) -> Found:
-    """Tell a spring force with the cube of the deflection."""
-    return _spring(subject, 3, "cubic stiffness", "k_3")
-
-
-@rule("quadratic_spring")
-def square(subject: Subject) -> Found:
-    """Tell a spring force with the square of the deflection."""
-    return _spring(subject, 2, "quadratic stiffness", "k_2")
-
-
-def _spring(subject: Subject, power: int, name: str, symbol: str) -> Found:
-    around = _around(subject.model, "y")
-    deflection = Y - sp.Symbol("y_0") if around else Y
-    rows = [subject.row(name, symbol, -subject.force(subject.c), Unit(1, -power))]
-    return Found(rows, sp.Symbol(symbol + subject.number) * deflection**power, note=_from("y", around))
+@rule("hardening_spring", "quadratic_spring")
+def spring(subject: Subject) -> Found:
+    """Tell a spring force with the cube or the square of the deflection."""
+    power, name = (3, "cubic") if subject.added.effect == "hardening_spring" else (2, "quadratic")
+    zero = _around(subject.model, "y")
+    deflection, symbol = Y - sp.Symbol("y_0") if zero else Y, f"k_{power}"
+    rows = [subject.row(f"{name} stiffness", symbol, -subject.force(subject.c), Unit(1, -power))]
+    said = f"deflections are measured from y_0 = {zero:.6g}" if zero else ""
+    return Found(rows, subject.symbol(symbol) * deflection**power, said)
 
 
 @rule("offset")
 def offset(subject: Subject) -> Found:
     """Tell a constant load, or a constant of the sensor."""
     if subject.added.where == "inside":
-        return Found(
-            [subject.row("constant load", "F_0", -subject.force(subject.c), Unit(1))], sp.Symbol("F_0" + subject.number)
-        )
+        load = subject.row("constant load", "F_0", -subject.force(subject.c), Unit(1))
+        return Found([load], subject.symbol("F_0"))
     return Found([subject.row("offset of the output", "y_c", subject.c, Unit(y=1))])
 
 
 @rule("end_stop")
-def stops(subject: Subject) -> Found | None:
+def stops(subject: Subject) -> Found:
     """Tell where the stops are, and how stiff."""
-    added, rigid, zero = subject.added, "rigid" in subject.added.form, _around(subject.model, "y")
-    ends = {"upper": ("r",), "lower": ("e",)}
-    rows = []
-    if "both" not in added.form:
-        upper = "upper" in added.form
-        at = zero + subject.shape("r") * (1 if upper else -1)
-        rows.append(subject.row(f"{'upper' if upper else 'lower'} end stop", "y_s", at, Unit(y=1)))
-    elif rigid:
-        for name, (shape,) in ends.items():
-            at = zero + subject.shape(shape) * (1 if name == "upper" else -1)
-            rows.append(subject.row(f"{name} end stop", f"y_{name[0]}", at, Unit(y=1)))
+    form, zero = subject.added.form, _around(subject.model, "y")
+    both, rigid = "both" in form, "rigid" in form
+    if both and not rigid:
+        rows = [subject.row("half-width of the gap between the end stops", "y_s", subject.shape("r"), Unit(y=1))]
     else:
-        rows.append(subject.row("half-width of the gap between the end stops", "y_s", subject.shape("r"), Unit(y=1)))
-    if rigid:
-        return Found([*rows, *_share(subject)], told=("c", "r", "e"))
-    stiff = subject.force(subject.c)
-    return Found([*rows, subject.row("stiffness of the end stop", "k_s", stiff, Unit(1, -1))], told=("c", "r"))
+        upper, lower = ("upper", 1, "r"), ("lower", -1, "e" if both else "r")
+        rows = [
+            subject.row(
+                f"{name} end stop", f"y_{name[0]}" if both else "y_s", zero + sign * subject.shape(p), Unit(y=1)
+            )
+            for name, sign, p in ((upper, lower) if both else (upper,) if "upper" in form else (lower,))
+        ]
+    if not rigid:
+        rows.append(subject.row("stiffness of the end stop", "k_s", subject.force(subject.c), Unit(1, -1)))
+    return Found(rows)
 
 
 # -- what acts before or behind ----------------------------------------------------------------------------------
 
 
-def _width(subject: Subject, name: str, symbol: str, shape: str = "r") -> Row:
-    """Return a shape parameter in the unit of its driver."""
+def _width(subject: Subject, name: str, symbol: str) -> Row:
+    """Return the width of an effect in the unit of its driver."""
     unit = Unit(y=1) if subject.added.where == "output" else Unit(input=1)
-    return subject.row(name, symbol, subject.shape(shape), unit)
-
-
-def _share(subject: Subject) -> list[Row]:
-    """Return how much of the whole effect acts, where that is a parameter."""
-    if not (subject.added.full and "c" in subject.added.coefficients):
-        return []
-    of = subject.added.effect.replace("_", " ")
-    return [subject.row(f"share of the {of}", "share", subject.c, Unit(), main=False)]
+    return subject.row(name, symbol, subject.shape("r"), unit)
 
 
 @rule("backlash")
-def backlash(subject: Subject) -> Found | None:
-    """Tell half the width of the play."""
+def backlash(subject: Subject) -> Found:
+    """Tell half the width of the play, or of the slack behind an elastic friction."""
     if subject.added.where == "friction":  # a way of r takes an elastic friction from none of its force to all
         rubs = next(e for e in subject.model.effects if e.effect == "coulomb_friction" and e.form == "elastic")
         width = subject.shape("w") * rubs.shape["r"]
-        rows = [subject.row("half-width of the slack", "r_b", width, Unit(input=1))]
-        return Found([*rows, *_share(subject)], told=("c", "w"))
-    if subject.added.where not in ("input", "output", "inside"):
-        return None
+        return Found([subject.row("half-width of the slack", "r_b", width, Unit(input=1))])
     rows = [_width(subject, "half-width of the play", "r_b")]
     if subject.added.where == "inside":  # an elastic shaft
-        return Found([*rows, subject.generic("d")], told=("r", "d"))
-    return Found([*rows, *_share(subject)], told=("c", "r"), note=_before(subject, "play"))
+        return Found([*rows, subject.generic("d")])
+    return Found(rows, note=_before(subject, "play"))
 
 
 @rule("saturation")
 def saturation(subject: Subject) -> Found:
     """Tell where the input is limited."""
-    zero = 0.0 if _raw(subject) else _around(subject.model, "u")
+    zero = _zero(subject)
     if "e" not in subject.added.shape:
-        rows = [_width(subject, "limit of the saturation", "u_s")]
         said = f" on either side of u = {zero:.6g}" if zero else ""
-        return Found([*rows, *_share(subject)], told=("c", "r"), note=_before(subject, "saturation") + said)
-    high, low = zero + subject.shape("r"), zero - subject.shape("e")
-    rows = [subject.row("upper limit of the saturation", "u_u", high, Unit(input=1))]
-    rows.append(subject.row("lower limit of the saturation", "u_l", low, Unit(input=1)))
-    return Found([*rows, *_share(subject)], told=("c", "r", "e"), note=_before(subject, "saturation"))
+        rows = [_width(subject, "limit of the saturation", "u_s")]
+        return Found(rows, note=_before(subject, "saturation") + said)
+    ends = (("upper", zero + subject.shape("r")), ("lower", zero - subject.shape("e")))
+    rows = [subject.row(f"{n} limit of the saturation", f"u_{n[0]}", at, Unit(input=1)) for n, at in ends]
+    return Found(rows, note=_before(subject, "saturation"))
 
 
 @rule("dead_zone")
 def dead_zone(subject: Subject) -> Found:
     """Tell half the width of the dead zone."""
-    zero = 0.0 if _raw(subject) else _around(subject.model, "u")
-    said = f" around u = {zero:.6g}" if zero else ""
-    rows = [_width(subject, "half-width of the dead zone", "u_d"), *_share(subject)]
-    return Found(rows, told=("c", "r"), note=_before(subject, "dead zone") + said)
+    said = f" around u = {zero:.6g}" if (zero := _zero(subject)) else ""
+    rows = [_width(subject, "half-width of the dead zone", "u_d")]
+    return Found(rows, note=_before(subject, "dead zone") + said)
 
 
 @rule("creep")
@@ -355,49 +310,46 @@ def creep(subject: Subject) -> Found:
     """Tell its time constants tau, 3 tau and 9 tau, and its share."""
     rows = [subject.row("shortest time constant of creep", "tau_c", subject.shape("tau"), Unit(s=1))]
     rows.append(subject.row("share of creep", "c_c", subject.c, Unit()))
-    return Found(rows, told=("c", "tau"), note="creep has three time constants, tau_c, 3 tau_c and 9 tau_c")
+    return Found(rows, note="creep has three time constants, tau_c, 3 tau_c and 9 tau_c")
 
 
 @rule("rate_dependence")
 def actuator_lag(subject: Subject) -> Found:
     """Tell a lag before the actuator."""
     rows = [subject.row("time constant of the actuator", "tau_a", subject.shape("tau"), Unit(s=1))]
-    return Found([*rows, *_share(subject)], told=("c", "tau"), note=_before(subject, "lag"))
+    return Found(rows, note=_before(subject, "lag"))
 
 
 @rule("input_delay")
 def later(subject: Subject) -> Found:
     """Tell a further dead time."""
-    samples_ = sp.Integer(subject.added.fixed["d"])
-    rows = [subject.row("further dead time", "T_a", samples_ * subject.linear.Ts, Unit(s=1)), *_share(subject)]
-    return Found(rows, told=("c", "d"), note=_before(subject, "dead time"))
+    time = subject.added.fixed["d"] * subject.linear.Ts
+    return Found([subject.row("further dead time", "T_a", time, Unit(s=1))], note=_before(subject, "dead time"))
 
 
 @rule("rate_limit")
 def rate_limit(subject: Subject) -> Found:
     """Tell limits of the actuator's speed."""
-    names = {"r": "limit of speed upwards", "e": "limit of speed downwards"}
-    own = names if "e" in subject.added.shape else {"r": "limit of speed"}
-    rows = [
-        subject.row(name, f"v_{shape}", subject.shape(shape) / subject.linear.Ts, Unit(input=1, s=-1))
-        for shape, name in own.items()
-    ]
-    return Found([*rows, *_share(subject)], told=("c", *own), note=_before(subject, "limit of speed"))
+    names = {"r": " upwards", "e": " downwards"} if "e" in subject.added.shape else {"r": ""}
+    speeds = {n: (said, subject.shape(n) / subject.linear.Ts) for n, said in names.items()}
+    unit = Unit(input=1, s=-1)
+    rows = [subject.row(f"limit of speed{said}", f"v_{n}", speed, unit) for n, (said, speed) in speeds.items()]
+    return Found(rows, note=_before(subject, "limit of speed"))
 
 
 def _before(subject: Subject, what: str) -> str:
     """Say where an effect stands that is no force."""
-    return {"input": f"u is the input after the {what}", "output": f"y is the output before the {what}"}.get(
-        subject.added.where, ""
-    )
+    said = {"input": f"u is the input after the {what}", "output": f"y is the output before the {what}"}
+    return said.get(subject.added.where, "")
 
 
 def _around(model: Model, name: str) -> float:
     return float(model.operating_point.get(model.output if name == "y" else model.input, 0.0))
 
 
-def _from(name: str, value: float) -> str:
-    return f"deflections are measured from {name}_0 = {value:.6g}" if value else ""
+def _zero(subject: Subject) -> float:
+    """Return from where an effect at the input measures it."""
+    return 0.0 if _raw(subject) else _around(subject.model, "u")
 
 
 def _raw(subject: Subject) -> bool:
@@ -440,8 +392,13 @@ def effect_rows(
         found = RULES[kind](subject) if kind in RULES and not _incomplete(subject) else None
         if found is None:
             found = Found(
-                [], told=(), note=f"{kind.replace('_', ' ')} has no physical form here: its model parameters are given"
+                [], note=f"{kind.replace('_', ' ')} has no physical form here: its model parameters are given"
             )
+        elif added.full and "c" in added.coefficients and not any(subject.c in _symbols(r) for r in found.rows):
+            share = subject.row(
+                f"share of the {added.effect.replace('_', ' ')}", "share", subject.c, Unit(), main=False
+            )
+            found = replace(found, rows=[*found.rows, share])
         taken = {row.symbol for row in rows}
         if any(row.symbol in taken for row in found.rows):  # another effect has this name
             end = f"_{len(rows)}"
@@ -450,7 +407,7 @@ def effect_rows(
         else:
             term += found.term
             rows += found.rows
-        rows += _others(subject, found.told, units)
+        rows += _others(subject, set().union(*map(_symbols, found.rows)), units)
         notes += [found.note] if found.note else []
     return rows, term, notes
 
@@ -461,15 +418,20 @@ def _incomplete(subject: Subject) -> bool:
     return own is not None and any(p not in {**subject.added.shape, **subject.added.fixed} for p in own.shape)
 
 
-def _others(subject: Subject, told: tuple[str, ...], units: Mapping[str, str]) -> list[Row]:
+def _symbols(row: Row) -> set[Any]:
+    """Return the parameters that a row tells."""
+    return set(sp.sympify(row.expression).free_symbols)
+
+
+def _others(subject: Subject, told: set[Any], units: Mapping[str, str]) -> list[Row]:
     """Return the parameters that no row tells, in their own units."""
     added = subject.added
     of = added.effect.partition(":")[0].replace("_", " ")
     rows = []
     for name, symbol in added.coefficients.items():
-        if name not in told:
+        if symbol not in told:
             unit = units.get(str(symbol), "")
-            rows.append(
-                subject.row(f"{name} of the {of}", str(symbol), symbol, Unit(said="" if unit == "1" else unit), False)
-            )
-    return rows + [subject.generic(n) for n in (*added.shape, *added.fixed) if n not in told]
+            row = subject.row(f"{name} of the {of}", str(symbol), symbol, Unit(said="" if unit == "1" else unit), False)
+            rows.append(row)
+    shapes = [n for n, s in added.shape.items() if s not in told]
+    return rows + [subject.generic(n) for n in (*shapes, *(n for n in added.fixed if added.effect != "input_delay"))]
