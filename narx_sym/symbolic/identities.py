@@ -8,120 +8,24 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Sequence
-from fractions import Fraction
 from functools import lru_cache, reduce
 from typing import Any
 
 import sympy as sp
+from sympy.polys.matrices import DomainMatrix
+from sympy.polys.rings import PolyRing
 
 from .printing import text
-from .signals import breve_phi1, breve_phi2, expand_phi, phi1, phi2, samples
+from .signals import breve_phi1, breve_phi2, expand_phi, lag, phi1, phi2, rewritten, samples
 
-Monomial = tuple[tuple[int, int], ...]  # ((atom, power), ...)
-Polynomial = dict[Monomial, Fraction]
 CLEAR = 1e-6  # of the size of its terms: a sum above this is no zero that was rounded
 DIGITS, POINTS = 60, 3  # of numbers, and how many places, by which an identity is told
 
 
-class _NormalForms:
-    """Polynomials over samples, signs and functions, reduced by the identities; one instance per pool."""
-
-    def __init__(self) -> None:
-        self.atoms: list[Any] = []
-        self.signs: dict[
-            int, tuple[int, ...]
-        ] = {}  # sign atom -> its sample, or the two samples whose difference it takes
-
-    def atom(self, expr: Any) -> int:
-        if expr not in self.atoms:
-            self.atoms.append(expr)
-            if isinstance(expr, sp.sign):
-                self.signs[self.atoms.index(expr)] = tuple(self.atom(s) for s in _compared(expr.args[0]))
-        return self.atoms.index(expr)
-
-    def of(self, term: Any) -> Polynomial:
-        """Return the normal form of a term."""
-        total: Polynomial = {(): Fraction(1)}
-        for factor in sp.Mul.make_args(expand_phi(term)):
-            base, exponent = factor.as_base_exp()
-            if not (exponent.is_Integer and exponent > 0):
-                base, exponent = factor, 1
-            for _ in range(int(exponent)):
-                total = self.reduce(_multiply(total, self.linear(base)))
-        return total
-
-    def linear(self, base: Any) -> Polynomial:
-        if isinstance(base, sp.Abs) and _compared(base.args[0]):
-            inside = base.args[0]  # |phi1| = phi2 phi1
-            return _multiply({((self.atom(sp.sign(inside)), 1),): Fraction(1)}, self.linear(inside))
-        if base.is_Number:
-            return (
-                {(): Fraction(int(base.p), int(base.q))} if base.is_Rational else {((self.atom(base), 1),): Fraction(1)}
-            )
-        result: Polynomial = {}
-        for part in sp.Add.make_args(base):
-            coefficient, rest = part.as_coeff_Mul()
-            if not coefficient.is_Rational:
-                coefficient, rest = sp.S.One, part
-            key: Monomial = ((self.atom(rest), 1),) if rest != 1 else ()
-            result[key] = result.get(key, Fraction(0)) + Fraction(int(coefficient.p), int(coefficient.q))
-        return result
-
-    def reduce(self, polynomial: Polynomial) -> Polynomial:
-        """Apply s^3 = s, s^2 a = s^2 b + a - b for s = sign(a - b), s^2 a = a for s = sign(a) until nothing changes."""
-        waiting: Polynomial = dict(polynomial)
-        done: Polynomial = {}
-        while waiting:
-            monomial, coefficient = waiting.popitem()
-            powers = dict(monomial)
-            squares = [s for s in self.signs if powers.get(s, 0) >= 2]
-            s = next((s for s in squares if powers[s] >= 3 or any(powers.get(a) for a in self.signs[s][:1])), None)
-            if s is None:
-                _add(done, monomial, coefficient)
-                continue
-            shorter = _times(powers, s, -2)
-            _add(waiting, _key(shorter), coefficient)
-            if powers[s] == 2 and len(self.signs[s]) == 2:
-                first, second = self.signs[s]
-                _add(waiting, _key(_times(_times(powers, first, -1), second, 1)), coefficient)
-                _add(waiting, _key(_times(_times(shorter, first, -1), second, 1)), -coefficient)
-        return done
-
-
-def _compared(expr: Any) -> list[Any]:
-    """Return [a] of a sample a, [a, b] of a difference of two in a fixed order, else nothing."""
+def _compares(expr: Any) -> bool:
+    """Whether an expression is a sample or a difference of two."""
     parts = [p.as_coeff_Mul() for p in sp.Add.make_args(expr)]
-    plain = all(isinstance(s, sp.Indexed) for _, s in parts)
-    if not plain or sorted(c for c, _ in parts) not in ([1], [-1, 1]):
-        return []
-    return sorted((s for _, s in parts), key=str)  # a - b or b - a: only s^2 is used
-
-
-def _times(powers: dict[int, int], atom: int, exponent: int) -> dict[int, int]:
-    return powers | {atom: powers.get(atom, 0) + exponent}
-
-
-def _key(powers: dict[int, int]) -> Monomial:
-    return tuple(sorted((i, n) for i, n in powers.items() if n))
-
-
-def _add(polynomial: Polynomial, monomial: Monomial, coefficient: Fraction) -> None:
-    value = polynomial.get(monomial, Fraction(0)) + coefficient
-    if value:
-        polynomial[monomial] = value
-    else:
-        polynomial.pop(monomial, None)
-
-
-def _multiply(a: Polynomial, b: Polynomial) -> Polynomial:
-    product: Polynomial = {}
-    for m, x in a.items():
-        for n, z in b.items():
-            powers = dict(m)
-            for i, e in n:
-                powers[i] = powers.get(i, 0) + e
-            _add(product, _key(powers), x * z)
-    return product
+    return all(isinstance(s, sp.Indexed) for _, s in parts) and sorted(c for c, _ in parts) in ([1], [-1, 1])
 
 
 def canonical(term: Any) -> Any:
@@ -190,37 +94,41 @@ def _is_zero_at(expr: Any, point: int) -> bool:
 def independent(terms: Sequence[Any]) -> tuple[list[Any], dict[Any, str]]:
     """Keep the terms that are linearly independent of those before them.
 
+    Terms are polynomials over samples, signs and functions, reduced by s^3 = s and s^2 a = a for s = sign(a), where a
+    is a sample or a difference of two.
+
     Returns
     -------
     kept : list of terms, in order
     dropped : dict from a dropped term to the reason, written as an identity such as "= phi1[k-1]"
     """
-    forms = _NormalForms()
-    rows: list[tuple[Monomial, Polynomial, dict[int, Fraction]]] = []  # pivot, reduced form, combination of kept
-    kept: list[Any] = []
-    dropped: dict[Any, str] = {}
-    for term in terms:
-        form, combination = dict(forms.of(term)), {len(kept): Fraction(1)}
-        for pivot, row, made_of in rows:
-            factor = form.get(pivot)
-            if factor:
-                for monomial, coefficient in row.items():
-                    _add(form, monomial, -factor * coefficient)
-                for i, coefficient in made_of.items():
-                    combination[i] = combination.get(i, Fraction(0)) - factor * coefficient
-        if form:
-            pivot = min(form)
-            scale = form[pivot]
-            rows.append(
-                (
-                    pivot,
-                    {m: c / scale for m, c in form.items()},
-                    {i: c / scale for i, c in combination.items()},
-                )
-            )
-            kept.append(term)
-        else:
-            used = {i: -c for i, c in combination.items() if i < len(kept) and c}
-            identity = sp.Add(*(sp.Rational(c.numerator, c.denominator) * kept[i] for i, c in used.items()))
-            dropped[term] = f"= {text(identity)}"
+    atoms: dict[Any, Any] = {sp.S.One: sp.Dummy()}  # a ring has a generator
+
+    def plain(part: Any) -> Any:
+        """Put a symbol for what is no sum, product or power of others."""
+        if isinstance(part, sp.Abs) and _compares(part.args[0]):  # |phi1| = phi2 phi1
+            return plain(sp.sign(part.args[0])) * rewritten(part.args[0], plain)
+        if part.is_Add or part.is_Mul or (part.is_Pow and part.exp.is_Integer and part.exp > 0):
+            return None
+        return part if part.is_Rational else atoms.setdefault(part, sp.Dummy())
+
+    written = [rewritten(expand_phi(term), plain) for term in terms]
+    rules = []
+    for one in [one for one in atoms if isinstance(one, sp.sign)]:
+        s, inside = atoms[one], rewritten(one.args[0], plain)
+        rules += [s**3 - s, *[s**2 * inside - inside] * _compares(one.args[0])]
+    newest = sorted(atoms, key=lambda one: min(map(lag, samples(one)), default=0))  # each step then leads by another
+    ring = PolyRing([atoms[one] for one in newest], sp.QQ)
+    identities = [ring.from_expr(rule) for rule in rules]
+    forms = [ring.from_expr(e).rem(identities) for e in written]
+    rows: dict[Any, dict[int, Any]] = {}
+    for column, form in enumerate(forms):
+        for monomial, coefficient in form.items():
+            rows.setdefault(monomial, {})[column] = coefficient
+    found, pivots = DomainMatrix(dict(enumerate(rows.values())), (len(rows), len(forms)), sp.QQ).rref()
+    kept, made_of = [terms[i] for i in pivots], found.to_dod()
+    dropped = {}
+    for column in sorted(set(range(len(forms))) - set(pivots)):
+        parts = (sp.QQ.to_sympy(row[column]) * kept[i] for i, row in made_of.items() if column in row)
+        dropped[terms[column]] = f"= {text(sp.Add(*parts))}"
     return kept, dropped
