@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable, Mapping
+from functools import lru_cache, reduce
 from typing import Any
 
 import casadi as ca
@@ -14,18 +16,15 @@ from ..errors import ModelError
 from ..inversion.solution import Root
 from ..symbolic.functions import Elementary, X, Y, arguments_of, row_of
 from ..symbolic.recursion import Recursion
-from ..symbolic.signals import k
+from ..symbolic.signals import k, lag
 from .plan import Plan
 
 TABLE: dict[Any, Callable[..., Any]] = {
-    sp.StrictLessThan: lambda a, b: a < b, sp.LessThan: lambda a, b: a <= b,
-    sp.StrictGreaterThan: lambda a, b: a > b, sp.GreaterThan: lambda a, b: a >= b,
-    sp.Equality: lambda a, b: a == b, sp.Unequality: lambda a, b: a != b,
-    sp.Not: ca.logic_not,
+    sp.StrictLessThan: operator.lt, sp.LessThan: operator.le, sp.StrictGreaterThan: operator.gt,
+    sp.GreaterThan: operator.ge, sp.Equality: operator.eq, sp.Unequality: operator.ne, sp.Not: ca.logic_not,
 }  # fmt: skip
 FOLDS: dict[Any, Callable[..., Any]] = {
-    sp.And: ca.logic_and, sp.Or: ca.logic_or,
-    sp.Add: lambda a, b: a + b, sp.Mul: lambda a, b: a * b,
+    sp.And: ca.logic_and, sp.Or: ca.logic_or, sp.Add: operator.add, sp.Mul: operator.mul,
 }  # fmt: skip
 
 
@@ -49,9 +48,7 @@ def convert(expr: Any, known: dict[Any, Any]) -> Any:
     if row is not None:
         total = _elementary(row, arguments)
     elif type(expr) in FOLDS:
-        total = arguments[0]
-        for argument in arguments[1:]:
-            total = FOLDS[type(expr)](total, argument)
+        total = reduce(FOLDS[type(expr)], arguments)
     elif type(expr) in TABLE:
         total = TABLE[type(expr)](*arguments)
     elif expr.is_Pow and expr.exp.is_Integer:
@@ -80,37 +77,24 @@ def _elementary(row: Elementary, arguments: list[Any]) -> Any:
 
 
 def _integer_power(base: Any, exponent: int) -> Any:
-    total = ca.SX(1)
-    for _ in range(abs(exponent)):
-        total = total * base
+    total = reduce(operator.mul, [base] * abs(exponent), ca.SX(1))
     return total if exponent >= 0 else 1 / total
 
 
-def step(plan: Plan) -> tuple[Any, list[tuple[int, int]], list[tuple[int, int]]]:
-    """Return f(past states, inputs, theta, k) -> newest states, and the (signal, lag) order of its arguments."""
-    states = range(len(plan.updates))
-    past = [(s, i) for s in states for i in range(1, max([0, *(i for j, i in plan.sample if j == s)]) + 1)]
-    used = sorted(key for key in plan.sample if key[0] not in states)
-    x, v = ca.SX.sym("x", len(past)), ca.SX.sym("v", len(used))
+def _step(plan: Plan) -> tuple[list[Any], Any, dict[Any, Any]]:
+    """Return [state, inputs, theta, k], the next state, and every sample of one step, all as CasADi expressions.
+
+    State and inputs are `recursion.past` and `recursion.given`.
+    """
+    past, used = plan.recursion.past, plan.recursion.given
+    state, inputs = ca.SX.sym("state", len(past)), ca.SX.sym("inputs", len(used))
     theta, time = ca.SX.sym("theta", len(plan.parameters)), ca.SX.sym("k")
-    known: dict[Any, Any] = {plan.time: time}
-    known.update({plan.sample[key]: x[i] for i, key in enumerate(past) if key in plan.sample})
-    known.update({plan.sample[key]: v[i] for i, key in enumerate(used)})
-    known.update({symbol: theta[i] for i, symbol in enumerate(plan.parameters)})
-    newest = []
+    at = {s: state[i] for i, s in enumerate(past)} | {s: inputs[i] for i, s in enumerate(used)}
+    known = {symbol: at.get(plan.signals[s][k - i]) for (s, i), symbol in plan.sample.items()}
+    known |= {plan.time: time} | {symbol: theta[i] for i, symbol in enumerate(plan.parameters)}
     for s, right in enumerate(plan.updates):
-        value = convert(right, known)
-        known[plan.sample[s, 0]] = value
-        newest.append(value)
-    following = [newest[s] if i == 1 else x[past.index((s, i - 1))] for s, i in past]
-    function = ca.Function(
-        "step",
-        [x, v, theta, time],
-        [ca.vertcat(*following), ca.vertcat(*newest)],
-        ["past", "inputs", "theta", "k"],
-        ["following", "newest"],
-    )
-    return function, past, used
+        at[plan.signals[s][k]] = known[plan.sample[s, 0]] = convert(right, known)
+    return [state, inputs, theta, time], ca.vertcat(*(at[s.base[s.indices[0] + 1]] for s in past)), at
 
 
 def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, *returned: Any) -> Any:
@@ -122,39 +106,36 @@ def transition(recursion: Recursion, values: Mapping[Any, Any], name: str, *retu
         raise ModelError(
             "An equation with the time index itself has no state-space form; use compile(recursion, engine='casadi')."
         )
-    state, inputs = ca.SX.sym("state", len(recursion.past)), ca.SX.sym("inputs", len(recursion.given))
-    at = {s: state[i] for i, s in enumerate(recursion.past)} | {s: inputs[i] for i, s in enumerate(recursion.given)}
-    known = {symbol: at.get(plan.signals[s][k - i]) for (s, i), symbol in plan.sample.items()}
-    for s, right in enumerate(plan.updates):
-        at[plan.signals[s][k]] = known[plan.sample[s, 0]] = convert(right, known)
-    following = [at[s.base[s.indices[0] + 1]] for s in recursion.past]
-    outputs = ca.vertcat(*(at[b[k]] for b in returned))
-    return ca.Function(
-        name, [state, inputs], [ca.vertcat(*following), outputs], ["state", "inputs"], ["next", "output"]
-    )
+    arguments, following, at = _step(plan)
+    results = [following, ca.vertcat(*(at[b[k]] for b in returned))]
+    return ca.Function(name, arguments[:2], results, ["state", "inputs"], ["next", "output"])
 
 
 def build(plan: Plan) -> Callable[..., int]:
     """Return run(arrays, theta, start, stop) for a plan."""
-    function, past, used = step(plan)
-    mapped: dict[int, Any] = {}
+    arguments, following, at = _step(plan)
+    states = [at[base[k]] for base in plan.recursion.states]
+    function = ca.Function("step", arguments, [following, ca.vertcat(*states)])
+    place = {base: i for i, base in enumerate(plan.signals)}
+    past, used = ([(place[s.base], lag(s)) for s in of] for of in (plan.recursion.past, plan.recursion.given))
+
+    @lru_cache(maxsize=1)
+    def mapped(n: int) -> Any:
+        return function.mapaccum(n)
 
     def run(arrays: list[np.ndarray], theta: np.ndarray, start: int, stop: int) -> int:
         n = stop - start
         if n <= 0:
             return stop
-        if n not in mapped:
-            mapped.clear()
-            mapped[n] = function.mapaccum(n)
         inputs = np.array([arrays[s][start - i : stop - i] for s, i in used]).reshape(len(used), n)
         x0 = np.array([arrays[s][start - i] for s, i in past])
-        _, newest = mapped[n](x0, inputs, np.tile(theta[:, None], (1, n)), np.arange(start, stop)[None, :])
+        _, newest = mapped(n)(x0, inputs, np.tile(theta[:, None], (1, n)), np.arange(start, stop)[None, :])
         newest = np.asarray(newest)
         bad = ~np.isfinite(newest).all(axis=0)
         reached = int(np.argmax(bad)) if bad.any() else n
         last = min(reached + 1, n)
-        for s in range(len(plan.updates)):
-            arrays[s][start : start + last] = newest[s, :last]
+        for s, row in enumerate(newest):
+            arrays[s][start : start + last] = row[:last]
         return start + reached
 
     return run

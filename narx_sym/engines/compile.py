@@ -325,13 +325,6 @@ def has_llvm() -> bool:
     return True
 
 
-def to_casadi(recursion: Recursion) -> Any:
-    """Return the step of a recursion as a CasADi `Function` (past, inputs, theta, k) -> (following, newest)."""
-    from .casadi import step
-
-    return step(Plan.of(recursion))[0]
-
-
 def theta(model: Model) -> Array | None:
     """Return the parameter values, (n_theta,) float array that cannot be written to, or None before a fit."""
     if model.numbers is None:

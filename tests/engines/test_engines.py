@@ -12,7 +12,7 @@ from paper import BENCH
 
 import narx_sym.engines.compile as bridge
 from narx_sym.engines.columns import Columns
-from narx_sym.engines.compile import ENGINES, compile, to_casadi
+from narx_sym.engines.compile import ENGINES, compile
 from narx_sym.engines.plan import Plan
 from narx_sym.errors import Diverged, ModelError
 from narx_sym.models.model import NARX
@@ -306,14 +306,13 @@ def test_the_casadi_step_is_one_update_and_differentiable():
     import casadi as ca
 
     model = NARX.from_terms(["y[k-1]", "phi1[k-1]", "phi1[k-1]*y[k-1]"], [0.9, 0.5, 0.1])
-    step = to_casadi(model.recursion)
-    past, inputs, theta = ca.SX.sym("x", 1), ca.SX.sym("v", 2), ca.SX.sym("t", 3)
-    _, newest = step(past, inputs, theta, 0)
+    step = model.lambdify("casadi", parameters=True)
+    inputs, past, theta = ca.SX.sym("v", 2), ca.SX.sym("x", 1), ca.SX.sym("t", 3)
+    newest = step(*ca.vertsplit(inputs), past, *ca.vertsplit(theta))
     gradient = ca.Function("g", [past, inputs, theta], [ca.jacobian(newest, theta)])
     row = np.asarray(gradient(2.0, [3.0, 1.0], [0.9, 0.5, 0.1])).ravel()
     assert row.tolist() == [2.0, 2.0, 4.0]  # phi1[k-1] = u[k-1] - u[k-2] = 3 - 1
-    assert float(step(2.0, [3.0, 1.0], [0.9, 0.5, 0.1], 0)[1]) == pytest.approx(3.2, rel=1e-15)
-    assert float(step(2.0, [3.0, 1.0], [0.9, 0.5, 0.1], 0)[0]) == pytest.approx(3.2, rel=1e-15)
+    assert float(step(3.0, 1.0, 2.0, 0.9, 0.5, 0.1)) == pytest.approx(3.2, rel=1e-15)
 
 
 @example(powers=[0, 0, 0, 0])
