@@ -1,4 +1,4 @@
-"""Linear algebra of fits with the same bits on every BLAS: by machine code, or by NumPy where there is none.
+"""Linear algebra of fits with the same bits on every BLAS.
 
 A fit that meets kinks lets a last digit grow until it ends in another minimum.
 """
@@ -10,9 +10,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
-
-from .compile import has_llvm
-from .numpy import banded as by_lapack
 
 Array = np.ndarray
 
@@ -39,14 +36,9 @@ def add_grams(J: Array, blocks: Sequence[tuple[int, slice]], out: Array) -> None
     out : (count, n, n) float array
         C order; J'J of a block is added to out[number].
     """
-    if has_llvm():
-        from .machine import algebra
+    from .machine import algebra  # LLVM takes long to load
 
-        algebra.add_grams(J, blocks, out)
-        return
-    for block, rows in blocks:
-        part = J[rows]
-        out[block] += part.T @ part
+    algebra.add_grams(J, blocks, out)
 
 
 def step(H: Array, g: Array, damping: float = 0.0) -> Array | None:
@@ -58,14 +50,9 @@ def step(H: Array, g: Array, damping: float = 0.0) -> Array | None:
         Symmetric: what is left of its diagonal is not read.
     g : (n,) array
     """
-    if has_llvm():
-        from .machine import algebra
+    from .machine import algebra
 
-        return algebra.step(H, g, damping)
-    try:
-        return -np.linalg.solve(H + damping * np.eye(g.size), g)
-    except np.linalg.LinAlgError:
-        return None
+    return algebra.step(H, g, damping)
 
 
 def triangle(*parts: Array) -> Array:
@@ -109,11 +96,9 @@ def banded(lags: Sequence[int], slopes: Sequence[Array], right: Array) -> Array:
     right : (n, m) array
         Several right-hand sides at once.
     """
-    if has_llvm():
-        from .machine import algebra
+    from .machine import algebra
 
-        return algebra.banded(lags, slopes, right)
-    return by_lapack(lags, slopes, right)
+    return algebra.banded(lags, slopes, right)
 
 
 def filtered(A: Sequence[float] | Array, x: Any) -> Array:

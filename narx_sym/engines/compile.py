@@ -304,25 +304,14 @@ def compile(recursion: Recursion, engine: str = "native") -> Compiled:
     ----------
     recursion : Recursion
     engine : "native", "casadi" or "python"
-        Machine code by LLVM, CasADi's virtual machine, or a generated Python loop. They agree to rounding. Where
-        llvmlite is not installed, and for laws that need a root finder, "native" falls back to "python".
+        Machine code by LLVM, CasADi's virtual machine, or a generated Python loop. They agree to rounding. For laws
+        that need a root finder "native" falls back to "python".
     """
     if engine not in ENGINES:
         raise ModelError(f"Unknown engine {engine!r}; there are {', '.join(ENGINES)}.")
     if engine == "native" and any(right.has(Root) for _, right in recursion.updates):
         engine = "python"  # only there is a root finder
-    if engine == "native" and not has_llvm():
-        engine = "python"
     return _compiled(recursion, engine)
-
-
-def has_llvm() -> bool:
-    """Whether machine code can be made here."""
-    try:
-        import llvmlite  # noqa: F401
-    except ImportError:
-        return False
-    return True
 
 
 def theta(model: Model) -> Array | None:

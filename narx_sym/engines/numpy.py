@@ -1,4 +1,4 @@
-"""NumPy: expressions over whole columns, and banded systems solved for all k at once."""
+"""NumPy: expressions over whole columns."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from scipy.linalg.lapack import dtbtrs
 from sympy.printing.numpy import NumPyPrinter
 
-from ..errors import ModelError
 from ..symbolic.functions import arguments_of, row_of
 
 
@@ -51,30 +49,3 @@ def lambdify(
             return function(*values)
 
     return quiet
-
-
-def banded(lags: Sequence[int], slopes: Sequence[np.ndarray], right: np.ndarray) -> np.ndarray:
-    """Solve x[k] - sum_i c_i[k] x[k-i] = right[k] for all k at once, where everything before the first k is zero.
-
-    It is how a change goes on along a run of a recursion that is affine in its own past.
-
-    Parameters
-    ----------
-    lags : numbers i, at least one
-    slopes : (n,) arrays c_i
-    right : (n, m) array
-        Several right-hand sides at once.
-
-    Returns
-    -------
-    (n, m) array
-    """
-    n = len(right)
-    band = np.zeros((max(lags) + 1, n), order="F")
-    band[0] = 1.0
-    for i, c in zip(lags, slopes, strict=True):
-        band[i, : max(0, n - i)] = -c[i:]
-    solved, info = dtbtrs(band, right, uplo="L", diag="U")
-    if info:
-        raise ModelError(f"LAPACK dtbtrs failed with code {info}.")
-    return np.asarray(solved)

@@ -1,4 +1,4 @@
-"""A generated whole-loop Python function: the fallback where LLVM cannot be installed."""
+"""A generated whole-loop Python function: what laws run by that need a root finder."""
 
 from __future__ import annotations
 

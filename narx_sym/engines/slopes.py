@@ -11,7 +11,7 @@ import numpy as np
 
 from ..symbolic.recursion import Recursion
 from ..symbolic.sensitivity import Tangent, sensitivities
-from .compile import Compiled, Layout, compile, has_llvm, kept, written
+from .compile import Compiled, Layout, compile, kept, written
 from .numbers import lifted
 
 Array = np.ndarray
@@ -80,7 +80,7 @@ class Tangents:
 
 
 class Extended:
-    """The same by an engine that has no lanes: the derivatives are further states of the recursion."""
+    """The same where tangents of long lags would be carried: the derivatives are further states of the recursion."""
 
     def __init__(self, recursion: Recursion, parameters: Sequence[Any], groups: Any, output: Any):
         made, moved = sensitivities(recursion, parameters, groups)
@@ -118,7 +118,7 @@ def with_slopes(recursion: Recursion, groups: tuple[tuple[Any, ...], ...], outpu
     parameters = list(recursion.parameters)
     reads = recursion.graph.reads.values()
     longest = max((lags[-1] for read in reads for base, lags in read.items() if base in recursion.states), default=0)
-    if not has_llvm() or longest > LONGEST:
+    if longest > LONGEST:
         return Extended(recursion, parameters, groups, output)
     directions = len(parameters) + len(groups)
     plain, numbers = lifted(recursion)

@@ -1,7 +1,5 @@
 """Four ways to run a recursion give the same numbers and the same complaints."""
 
-import sys
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -10,7 +8,6 @@ from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 from paper import BENCH
 
-import narx_sym.engines.compile as bridge
 from narx_sym.engines.columns import Columns
 from narx_sym.engines.compile import ENGINES, compile
 from narx_sym.engines.plan import Plan
@@ -274,16 +271,6 @@ def test_the_same_recursion_is_compiled_once():
     assert compile(first.recursion, "python") is not first
     # phi1 is written out before the comparison
     assert compile(Recursion(((y[k], phi1[k - 1]),))) is compile(Recursion(((y[k], u[k - 1] - u[k - 2]),)))
-
-
-def test_without_llvmlite_native_falls_back_to_python(monkeypatch):
-    recursion = Recursion(((y[k], 0.75 * y[k - 1] + u[k] * 0.125),))
-    expected = compile(recursion, "native")(inputs_of(20), (), {"y": 1})["y"]
-    monkeypatch.setitem(sys.modules, "llvmlite", None)
-    monkeypatch.setattr(bridge, "_compiled", bridge._compiled.__wrapped__)
-    run = compile(recursion, "native")
-    assert run.engine == "python"
-    np.testing.assert_allclose(run(inputs_of(20), (), {"y": 1})["y"], expected, rtol=1e-14)
 
 
 # ---------------------------------------------------------------- the plan

@@ -1,11 +1,10 @@
 """Machine code does not depend on the decimal numbers of its equations."""
 
 import numpy as np
-import pytest
 import sympy as sp
 
 import narx_sym as ns
-from narx_sym.engines.compile import compile, has_llvm
+from narx_sym.engines.compile import compile
 from narx_sym.engines.numbers import lifted
 from narx_sym.engines.slopes import with_slopes
 from narx_sym.files import cache
@@ -37,7 +36,6 @@ def test_decimal_numbers_become_parameters_and_nothing_else_does():
     assert list(more) == [0.5] and len(same.parameters) == 1
 
 
-@pytest.mark.skipif(not has_llvm(), reason="llvmlite is not installed")
 def test_other_numbers_need_no_other_code(tmp_path, monkeypatch):
     monkeypatch.setenv(cache.VARIABLE, str(tmp_path))
     made, keep = [], cache.keep
@@ -50,7 +48,6 @@ def test_other_numbers_need_no_other_code(tmp_path, monkeypatch):
     assert len(made) == 1
 
 
-@pytest.mark.skipif(not has_llvm(), reason="llvmlite is not installed")
 def test_every_effect_has_the_same_equations_at_any_rate_and_operating_point():
     """What is left of a record in the equations of an effect would be compiled for each record anew."""
     shifted = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from functools import cache as once
+from functools import reduce
 from itertools import count
 from typing import Any
 
@@ -16,12 +17,9 @@ from llvmlite import ir
 from ...errors import ModelError
 from ...files import cache
 from ...symbolic.functions import Elementary, X, arguments_of, row_of
+from ..writer import RELATIONS
 
 DOUBLE, INT, BOOL = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
-COMPARISONS = {
-    sp.StrictLessThan: "<", sp.LessThan: "<=", sp.StrictGreaterThan: ">", sp.GreaterThan: ">=",
-    sp.Equality: "==", sp.Unequality: "!=",
-}  # fmt: skip
 
 
 class Emitter:
@@ -72,11 +70,7 @@ class Emitter:
 
     def fold(self, operation: Callable[..., Any], arguments: Any) -> Any:
         """Chain a binary operation."""
-        values = [self(a) for a in arguments]
-        total = values[0]
-        for value in values[1:]:
-            total = operation(total, value)
-        return total
+        return reduce(operation, [self(a) for a in arguments])
 
     def power(self, base: Any, exponent: Any) -> Any:
         """Emit a power; whole ones as products."""
@@ -92,9 +86,8 @@ class Emitter:
 
     def extreme(self, comparison: str, arguments: Any) -> Any:
         """Emit Max or Min; a NaN is kept."""
-        values = [self(a) for a in arguments]
-        best = values[0]
-        for value in values[1:]:
+        best, *others = (self(a) for a in arguments)
+        for value in others:
             better = self.b.fcmp_unordered(comparison, value, best)  # unordered: a NaN is kept, not hidden
             take = self.b.and_(better, self.b.fcmp_ordered("ord", best, best))
             best = self.b.select(take, value, best)
@@ -115,15 +108,11 @@ class Emitter:
             return ir.Constant(BOOL, int(c == sp.true))
         if isinstance(c, (sp.And, sp.Or)):
             operation = self.b.and_ if isinstance(c, sp.And) else self.b.or_
-            parts = [self.condition(a) for a in c.args]
-            total = parts[0]
-            for part in parts[1:]:
-                total = operation(total, part)
-            return total
+            return reduce(operation, [self.condition(a) for a in c.args])
         if isinstance(c, sp.Not):
             return self.b.not_(self.condition(c.args[0]))
-        if type(c) in COMPARISONS:
-            return self.b.fcmp_ordered(COMPARISONS[type(c)], self(c.lhs), self(c.rhs))
+        if type(c) in RELATIONS:
+            return self.b.fcmp_ordered(RELATIONS[type(c)], self(c.lhs), self(c.rhs))
         raise ModelError(f"The native engine has no rule for the condition {c}.")
 
     def intrinsic(self, name: str, argument: Any) -> Any:
