@@ -30,19 +30,14 @@ class Columns:
     def __init__(self, terms: Iterable[Any]):
         self.terms = [sp.sympify(t) for t in terms]
         self._factors: dict[Any, int] = {}
-        self._tree: list[tuple[int | None, int]] = []  # node = parent node times factor
-        nodes: dict[tuple[int, ...], int] = {}
-        self._nodes = []
+        tree: dict[tuple[int | None, int], int] = {}  # node = parent node times factor
+        self._nodes: list[int | None] = []
         for term in self.terms:
-            path: tuple[int, ...] = ()
-            parent = None
+            node = None
             for factor in self._split(term):
-                path = (*path, factor)
-                if path not in nodes:
-                    nodes[path] = len(self._tree)
-                    self._tree.append((parent, factor))
-                parent = nodes[path]
-            self._nodes.append(parent)
+                node = tree.setdefault((node, factor), len(tree))
+            self._nodes.append(node)
+        self._tree = list(tree)
         written = [expand_phi(f) for f in self._factors]
         self._samples = sorted({s for f in written for s in samples(f)}, key=str)
         self.depth = max([0, *(lag(s) for s in self._samples)])
@@ -63,10 +58,7 @@ class Columns:
     def block(self, data: Mapping[str, Array], start: int, stop: int) -> Array:
         """Return the (stop - start, n_terms) values, Fortran order, for start <= k < stop."""
         n = stop - start
-        values = []
-        for s in self._samples:
-            i = lag(s)
-            values.append(data[s.base.name][start - i : stop - i])
+        values = [data[s.base.name][start - lag(s) : stop - lag(s)] for s in self._samples]
         with np.errstate(all="ignore"):
             factors = [np.broadcast_to(np.asarray(f, dtype=float), n) for f in self._evaluate(*values)]
         products = np.empty((n, max(1, len(self._tree))), order="F")

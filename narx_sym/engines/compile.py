@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import cache as once
 from functools import lru_cache
@@ -33,29 +33,18 @@ class Layout:
 
     Attributes
     ----------
-    states, inputs : tuple of str
-    remembered : tuple of int
+    states, inputs : sequence of str
+    remembered : sequence of int
         Which states are used at a lag.
     parameters, depth, lead : int
     """
 
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    remembered: tuple[int, ...]
+    states: Sequence[str]
+    inputs: Sequence[str]
+    remembered: Sequence[int]
     parameters: int
     depth: int
     lead: int
-
-    @property
-    def plain(self) -> tuple[Any, ...]:
-        """The fields as plain data."""
-        return astuple(self)
-
-    @classmethod
-    def read(cls, told: Any) -> Layout:
-        """Make a layout of its fields as plain data."""
-        states, inputs, remembered, *sizes = told
-        return cls(tuple(states), tuple(inputs), tuple(remembered), *sizes)
 
     @classmethod
     def of(cls, plan: Plan) -> Layout:
@@ -100,10 +89,10 @@ class Compiled:
 
         def make() -> tuple[Any, bytes]:
             plan = Plan.of(plain)
-            return Layout.of(plan).plain, coded(plan)
+            return astuple(Layout.of(plan)), coded(plan)
 
         told, code = kept(written(plain), make)
-        layout = replace(Layout.read(told), parameters=len(recursion.parameters))
+        layout = replace(Layout(*told), parameters=len(recursion.parameters))
         run = bound(code, len(layout.states) + len(layout.inputs), numbers)
         return cls(layout, run, "native", recursion)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -56,7 +56,7 @@ class Tangents:
         from .machine.native import bound
 
         layout, self.keys, self.width = told
-        self.layout, self.directions = Layout.read(layout), directions
+        self.layout, self.directions = Layout(*layout), directions
         count = len(self.layout.states) + len(self.layout.inputs)
         self.compiled = Compiled(self.layout, bound(code, count + 2, numbers), "native")
 
@@ -129,7 +129,7 @@ def with_slopes(recursion: Recursion, groups: tuple[tuple[Any, ...], ...], outpu
 
         at = recursion.states.index(output)
         lanes = Lanes.of(plain, Tangent.of(plain, parameters), groups, at)
-        return (Layout.of(lanes.plan).plain, lanes.keys, lanes.width), coded(lanes.plan, lanes)
+        return (astuple(Layout.of(lanes.plan)), lanes.keys, lanes.width), coded(lanes.plan, lanes)
 
     found = kept(f"with slopes of {output.name} {len(groups)} {written(plain)}", make)
     return Tangents(*found, directions, numbers)
