@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -33,12 +34,14 @@ class Span:
     def __init__(self, at: Any, lo: Any, hi: Any, dlo: Any, dhi: Any):
         self.at, self.lo, self.hi, self.dlo, self.dhi = at, lo, hi, dlo, dhi
 
+    @classmethod
+    def of(cls, x: Any) -> Span:
+        """Return a number as its own bounds."""
+        return x if isinstance(x, Span) else cls(x, x, x, 0.0, 0.0)
+
     def __add__(self, other: Any) -> Span:
-        if isinstance(other, Span):
-            return Span(
-                self.at + other.at, self.lo + other.lo, self.hi + other.hi, self.dlo + other.dlo, self.dhi + other.dhi
-            )
-        return Span(self.at + other, self.lo + other, self.hi + other, self.dlo, self.dhi)
+        o = Span.of(other)
+        return Span(self.at + o.at, self.lo + o.lo, self.hi + o.hi, self.dlo + o.dlo, self.dhi + o.dhi)
 
     __radd__ = __add__
 
@@ -52,18 +55,9 @@ class Span:
         return -self + other
 
     def __mul__(self, other: Any) -> Span:
-        if isinstance(other, Span):
-            lo, hi = _times(self.lo, self.hi, other.lo, other.hi)
-            first, second = (
-                _times(self.dlo, self.dhi, other.lo, other.hi),
-                _times(self.lo, self.hi, other.dlo, other.dhi),
-            )
-            return Span(self.at * other.at, lo, hi, first[0] + second[0], first[1] + second[1])
-        if other == 0:
-            return self * Span(0.0, 0.0, 0.0, 0.0, 0.0)
-        ends = (self.lo * other, self.hi * other, self.dlo * other, self.dhi * other)
-        lo, hi, dlo, dhi = ends if other > 0 else (ends[1], ends[0], ends[3], ends[2])
-        return Span(self.at * other, lo, hi, dlo, dhi)
+        o = Span.of(other)
+        one, two = _times(self.dlo, self.dhi, o.lo, o.hi), _times(self.lo, self.hi, o.dlo, o.dhi)
+        return Span(self.at * o.at, *_times(self.lo, self.hi, o.lo, o.hi), one[0] + two[0], one[1] + two[1])
 
     __rmul__ = __mul__
 
@@ -122,10 +116,7 @@ def absolute(x: Any) -> Any:
 
 def largest(*values: Any) -> Any:
     """Return the largest."""
-    found = values[0]
-    for value in values[1:]:
-        found = _larger(found, value)
-    return found
+    return reduce(_larger, values)
 
 
 def smallest(*values: Any) -> Any:
@@ -136,7 +127,7 @@ def smallest(*values: Any) -> Any:
 def _larger(a: Any, b: Any) -> Any:
     if not isinstance(a, Span) and not isinstance(b, Span):
         return math.nan if a != a or b != b else max(a, b)
-    a, b = (x if isinstance(x, Span) else Span(x, x, x, 0.0, 0.0) for x in (a, b))
+    a, b = Span.of(a), Span.of(b)
     side, is_open = _side(a - b)
 
     def kept(p: Any, q: Any, joint: Any) -> Any:
@@ -173,49 +164,26 @@ def power(x: Any, n: Any) -> Any:
     return exp(log(x) * n)
 
 
-def exp(x: Any) -> Any:
-    """Return the exponential function."""
-    if not isinstance(x, Span):
-        return math.exp(x)
-    lo, hi = np.exp(x.lo), np.exp(x.hi)
-    return x.through(np.exp, lo, hi, lo, hi)
+def smooth(plain: Callable[[float], float], of: Callable[[Any], Any], bounds: Callable[[Span], Any]) -> Any:
+    """Return a smooth function of a number, or of a Span, given the bounds of its values and of its slopes."""
+    return lambda x: x.through(of, *bounds(x)) if isinstance(x, Span) else plain(x)
 
 
-def log(x: Any) -> Any:
-    """Return the logarithm; -oo at and below zero."""
-    if not isinstance(x, Span):
-        return math.log(x)
-    lo = np.where(x.lo > 0, x.lo, 0.0)
-    hi = np.where(x.hi > 0, x.hi, 0.0)
-    return x.through(np.log, np.log(lo), np.log(hi), 1.0 / hi, 1.0 / lo)
+def _root(x: Span) -> tuple[Any, ...]:
+    lo, hi = (np.sqrt(np.maximum(e, 0.0)) for e in (x.lo, x.hi))
+    return lo, hi, 0.5 / hi, 0.5 / lo
 
 
-def sqrt(x: Any) -> Any:
-    """Return the square root."""
-    if not isinstance(x, Span):
-        return math.sqrt(x)
-    lo, hi = np.sqrt(np.maximum(x.lo, 0.0)), np.sqrt(np.maximum(x.hi, 0.0))
-    return x.through(np.sqrt, lo, hi, 0.5 / hi, 0.5 / lo)
+def _logarithm(x: Span) -> tuple[Any, ...]:
+    """Return the bounds of the logarithm; -oo at and below zero."""
+    lo, hi = (np.where(e > 0, e, 0.0) for e in (x.lo, x.hi))
+    return np.log(lo), np.log(hi), 1.0 / hi, 1.0 / lo
 
 
 def _bell(x: Span, slope: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Return the bounds of a slope that is largest at zero and falls on both sides."""
     ends = slope(x.lo), slope(x.hi)
     return np.minimum(*ends), np.where((x.lo < 0) & (x.hi > 0), 1.0, np.maximum(*ends))
-
-
-def tanh(x: Any) -> Any:
-    """Return the hyperbolic tangent."""
-    if not isinstance(x, Span):
-        return math.tanh(x)
-    return x.through(np.tanh, np.tanh(x.lo), np.tanh(x.hi), *_bell(x, lambda v: 1.0 - np.tanh(v) ** 2))
-
-
-def atan(x: Any) -> Any:
-    """Return the inverse tangent."""
-    if not isinstance(x, Span):
-        return math.atan(x)
-    return x.through(np.arctan, np.arctan(x.lo), np.arctan(x.hi), *_bell(x, lambda v: 1.0 / (1.0 + v**2)))
 
 
 def _wave(lo: Any, hi: Any) -> tuple[Any, Any]:
@@ -227,18 +195,19 @@ def _wave(lo: Any, hi: Any) -> tuple[Any, Any]:
     return np.where(bottom, -1.0, np.minimum(*ends)), np.where(top, 1.0, np.maximum(*ends))
 
 
-def sin(x: Any) -> Any:
-    """Return the sine."""
-    if not isinstance(x, Span):
-        return math.sin(x)
-    return x.through(np.sin, *_wave(x.lo, x.hi), *_wave(x.lo + np.pi / 2, x.hi + np.pi / 2))
-
-
 def cos(x: Any) -> Any:
     """Return the cosine."""
     return sin(x + math.pi / 2) if isinstance(x, Span) else math.cos(x)
 
 
+exp = smooth(math.exp, np.exp, lambda x: (np.exp(x.lo), np.exp(x.hi)) * 2)
+log = smooth(math.log, np.log, _logarithm)
+sqrt = smooth(math.sqrt, np.sqrt, _root)
+tanh = smooth(math.tanh, np.tanh, lambda x: (np.tanh(x.lo), np.tanh(x.hi), *_bell(x, lambda v: 1.0 - np.tanh(v) ** 2)))
+atan = smooth(
+    math.atan, np.arctan, lambda x: (np.arctan(x.lo), np.arctan(x.hi), *_bell(x, lambda v: 1.0 / (1.0 + v**2)))
+)
+sin = smooth(math.sin, np.sin, lambda x: (*_wave(x.lo, x.hi), *_wave(x.lo + np.pi / 2, x.hi + np.pi / 2)))
 NAMES = {
     "sign": sign, "Heaviside": step, "abs": absolute, "Max": largest, "Min": smallest, "pow": power, "exp": exp,
     "log": log, "sqrt": sqrt, "tanh": tanh, "atan": atan, "sin": sin, "cos": cos,
