@@ -6,7 +6,7 @@ import inspect
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,19 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 RESERVED = {*SEQUENCES, *SIGNALS, *NAMES, "k", "pi", "prediction", "Ts"}
 
 
+Texts = tuple[str, ...]
+
+
+def _refuse(wrong: Any, said: str) -> None:
+    """Refuse a file in which something is wrong."""
+    if wrong:
+        raise ModelError(said)
+
+
+def _few(names: Iterable[Any]) -> str:
+    return ", ".join(map(str, names))[:60]
+
+
 class Written:
     """The equations of one effect as texts; called like the function of an effect.
 
@@ -41,13 +54,7 @@ class Written:
     steps : names of the shape parameters in whole samples, which may stand in a lag: `x[k-n]`
     """
 
-    def __init__(
-        self,
-        z: tuple[str, ...],
-        states: tuple[tuple[str, str, str], ...],
-        shape: tuple[str, ...],
-        steps: tuple[str, ...],
-    ):
+    def __init__(self, z: Texts, states: tuple[tuple[str, str, str], ...], shape: Texts, steps: Texts):
         self.z, self.states, self.shape, self.steps = z, states, shape, steps
         self._read: dict[tuple[int, ...], Form] = {}
         form = self.read((1,) * len(steps))
@@ -62,8 +69,11 @@ class Written:
 
     def read(self, values: tuple[int, ...]) -> Form:
         """Return the form in plain sequences and symbols, for given numbers of samples."""
-        if values in self._read:
-            return self._read[values]
+        if values not in self._read:
+            self._read[values] = self._form(values)
+        return self._read[values]
+
+    def _form(self, values: tuple[int, ...]) -> Form:
         names = [n for n, _, _ in self.states]
 
         def plain(text: str) -> Any:
@@ -71,13 +81,11 @@ class Written:
                 text = re.sub(rf"\[\s*k\s*([+-])\s*{name}\s*\]", rf"[k\g<1>{value}]", text)
             expr = parse(text, signals=[*SEQUENCES, *names], symbols=[*self.shape, "Ts"])
             foreign = [s for s in samples(expr) if s.base.name not in (*SEQUENCES, *names)]
-            if foreign:
-                raise ModelError(f"{foreign[0]} is not known here; write x[k] - x[k-1] for a difference.")
+            _refuse(foreign, f"{_few(foreign)} is not known here; write x[k] - x[k-1] for a difference.")
             return expr
 
         states = tuple(State(signal(n)[k], plain(update), plain(initial)) for n, update, initial in self.states)
-        self._read[values] = Form(tuple(map(plain, self.z)), states)
-        return self._read[values]
+        return Form(tuple(map(plain, self.z)), states)
 
     def __call__(self, **given: Any) -> Form:
         """Return the form over given sequences and shape parameters."""
@@ -99,8 +107,7 @@ def text_effect(data: Mapping[str, Any]) -> Effect:
     ModelError
         For a missing, unknown or wrong field, and for an equation that cannot be computed.
     """
-    if not isinstance(data, Mapping):
-        raise ModelError("An effect is a table of fields.")
+    _refuse(not isinstance(data, Mapping), "An effect is a table of fields.")
     name = data.get("id")
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise ModelError(f"The 'id' of an effect is a plain name such as my_friction, not {str(name)[:40]!r}.")
@@ -110,58 +117,39 @@ def text_effect(data: Mapping[str, Any]) -> Effect:
         raise ModelError(f"Effect {name}: {error}") from None
 
 
-def _built(name: str, data: Mapping[str, Any]) -> Effect:  # noqa: C901, PLR0912
-    for field in REQUIRED:
-        if field not in data:
-            raise ModelError(f"the field '{field}' is missing.")
-    unknown = sorted(set(map(str, data)) - FIELDS)
-    if unknown:
-        raise ModelError(f"unknown field {unknown[0][:40]!r}; there are {', '.join(sorted(FIELDS))}.")
+def _built(name: str, data: Mapping[str, Any]) -> Effect:
+    missing, unknown = [f for f in REQUIRED if f not in data], sorted(set(map(str, data)) - FIELDS)
+    _refuse(missing, f"the field '{_few(missing)}' is missing.")
+    _refuse(unknown, f"unknown field {_few(unknown)!r}; there are {', '.join(sorted(FIELDS))}.")
     places = _places(data)
     scan = {p: _scan(p, rule) for p, rule in _table(data, "scan").items()}
     states = _states(data, set(scan))
-    given = data["z"]
-    z = tuple(_text(e, "z") for e in (given if isinstance(given, list) else [given]))
-    if not 1 <= len(z) <= MAX_PARTS:
-        raise ModelError(f"'z' is an equation or a list of 1 to {MAX_PARTS}.")
+    z = tuple(_text(e, "z") for e in (data["z"] if isinstance(data["z"], list) else [data["z"]]))
+    _refuse(not 1 <= len(z) <= MAX_PARTS, f"'z' is an equation or a list of 1 to {MAX_PARTS}.")
     for p in scan:
-        wrong = not NAME.fullmatch(p) or p in RESERVED or COEFFICIENT.fullmatch(p)
-        if wrong:
-            raise ModelError(f"the shape parameter {p[:40]!r} needs another name.")
-        if not any(re.search(rf"\b{p}\b", e) for e in (*z, *(s[1] for s in states))):
-            raise ModelError(f"the shape parameter {p!r} has a scan rule, but no equation contains it.")
+        taken = not NAME.fullmatch(p) or p in RESERVED or COEFFICIENT.fullmatch(p)
+        _refuse(taken, f"the shape parameter {p[:40]!r} needs another name.")
+        read = any(re.search(rf"\b{p}\b", e) for e in (*z, *(s[1] for s in states)))
+        _refuse(not read, f"the shape parameter {p!r} has a scan rule, but no equation contains it.")
     try:
         function = Written(z, states, tuple(scan), tuple(p for p, s in scan.items() if s.of == "steps"))
     except NarxError as error:
         raise ModelError(f"{error} (A shape parameter needs a rule in 'scan'.)") from None
     for steps in _corners(scan):
         _computable(function.read(steps), places, tuple(scan))
-    units = _table(data, "unit")
-    for p, unit in units.items():
-        if p not in scan:
-            raise ModelError(f"'unit' names {p[:40]!r}, which is not a shape parameter.")
+    for p, unit in _table(data, "unit").items():
+        _refuse(p not in scan, f"'unit' names {p[:40]!r}, which is not a shape parameter.")
         scan[p] = replace(scan[p], unit=_text(unit, "unit"))
     sign, centred = data.get("sign", 0), data.get("centred", False)
-    if type(sign) is not int or sign not in (0, 1):
-        raise ModelError("'sign' is 1 where only a positive coefficient means this effect, else 0.")
-    if not isinstance(centred, bool):
-        raise ModelError("'centred' is true or false.")
+    said = "'sign' is 1 where only a positive coefficient means this effect, else 0."
+    _refuse(type(sign) is not int or sign not in (0, 1), said)
+    _refuse(not isinstance(centred, bool), "'centred' is true or false.")
     words = {n: _text(data.get(n, ""), n) for n in ("sentence", "source", "form")}
-    if not words["sentence"].strip():
-        raise ModelError("'sentence' says in plain words what the effect does.")
-    made = effect(
-        places,
-        scan=scan,
-        share=(0.0 if sign else -math.inf, math.inf),
-        source=words["source"],
-        id=name,
-        form=words["form"],
-        centred=centred,
-        sentence=words["sentence"],
-        register=False,
-    )(function)
-    if "channel" not in made.arguments and any("channel" in d for d in places.values()):
-        raise ModelError("the driver is 'channel', and no equation uses channel[k].")
+    _refuse(not words["sentence"].strip(), "'sentence' says in plain words what the effect does.")
+    share = (0.0 if sign else -math.inf, math.inf)
+    made = effect(places, scan=scan, share=share, id=name, centred=centred, register=False, **words)(function)
+    unread = "channel" not in made.arguments and any("channel" in d for d in places.values())
+    _refuse(unread, "the driver is 'channel', and no equation uses channel[k].")
     return made
 
 
@@ -255,65 +243,58 @@ def load_effects(path: Any, catalogue: Catalogue = EFFECTS) -> list[Effect]:
 
 
 def _text(value: Any, field: str) -> str:
-    if not isinstance(value, str) or len(value) > MAX_TEXT:
-        raise ModelError(f"'{field}' must be a text of at most {MAX_TEXT} characters.")
-    return value
+    too_long = f"'{field}' must be a text of at most {MAX_TEXT} characters."
+    _refuse(not isinstance(value, str) or len(value) > MAX_TEXT, too_long)
+    return str(value)
 
 
 def _table(data: Mapping[str, Any], field: str) -> dict[str, Any]:
     value = data.get(field, {})
-    if not isinstance(value, Mapping) or len(value) > MAX_PARTS:
-        raise ModelError(f"'{field}' is a table with one entry per shape parameter.")
+    wrong = not isinstance(value, Mapping) or len(value) > MAX_PARTS
+    _refuse(wrong, f"'{field}' is a table with one entry per shape parameter.")
     return {str(n): v for n, v in value.items()}
 
 
-def _listed(value: Any, field: str) -> tuple[str, ...]:
+def _listed(value: Any, field: str, known: Collection[str], what: str) -> Texts:
     found = tuple(value) if isinstance(value, list) else (value,)
-    if not found or not all(isinstance(v, str) for v in found) or len(set(found)) < len(found):
-        raise ModelError(f"'{field}' is a text or a list of different ones.")
+    plain = found and all(isinstance(v, str) for v in found) and len(set(found)) == len(found)
+    _refuse(not plain, f"'{field}' is a text or a list of different ones.")
+    wrong = [v for v in found if v not in known]
+    _refuse(wrong, f"a {what} is one of {', '.join(known)}, not {_few(wrong)!r}.")
     return found
 
 
-def _places(data: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+def _places(data: Mapping[str, Any]) -> dict[str, Texts]:
     """Return the drivers of each place."""
     where = data["where"]
     if isinstance(where, Mapping):
-        if "driver" in data:
-            raise ModelError("give 'driver', or drivers in 'where', not both.")
-        places = {str(p): _listed(d, "where") for p, d in where.items()}
-    else:
-        places = {p: _listed(data.get("driver", "u"), "driver") for p in _listed(where, "where")}
-    wrong = [p for p in places if p not in PLACES]
-    if wrong or not places:
-        raise ModelError(f"a place is one of {', '.join(PLACES)}, not {(wrong or [''])[0][:40]!r}.")
-    drivers = [d for listed in places.values() for d in listed]
-    wrong = [d for d in drivers if d not in DRIVERS]
-    if wrong:
-        raise ModelError(f"a driver is one of {', '.join(DRIVERS)}, not {wrong[0][:40]!r}.")
-    return places
+        _refuse("driver" in data, "give 'driver', or drivers in 'where', not both.")
+        places = _listed([*map(str, where)], "where", PLACES, "place")
+        return {p: _listed(d, "where", DRIVERS, "driver") for p, d in zip(places, where.values(), strict=True)}
+    places = _listed(where, "where", PLACES, "place")
+    return dict.fromkeys(places, _listed(data.get("driver", "u"), "driver", DRIVERS, "driver"))
 
 
 def _scan(name: str, rule: Any) -> Scan:
     """Read the scan rule of a shape parameter: its kind alone, or a table."""
     table: Any = {"of": rule} if isinstance(rule, str) else rule
-    if not isinstance(table, Mapping) or not {"of"} <= set(table) <= {"of", "values", "power"}:
-        raise ModelError(f"the scan rule of {name[:40]!r} has the fields of, values and power.")
-    if not isinstance(table["of"], str) or table["of"] not in SCANS:
-        raise ModelError(f"a scan is of {', '.join(SCANS)}, not {str(table['of'])[:40]!r}.")
-    usual = SCANS[table["of"]]
-    values, power = table.get("values", list(usual.values)), table.get("power", 1)
+    known = isinstance(table, Mapping) and {"of"} <= set(table) <= {"of", "values", "power"}
+    _refuse(not known, f"the scan rule of {name[:40]!r} has the fields of, values and power.")
+    of = table["of"]
+    wrong = not isinstance(of, str) or of not in SCANS
+    _refuse(wrong, f"a scan is of {', '.join(SCANS)}, not {str(of)[:40]!r}.")
+    values, power = table.get("values", list(SCANS[of].values)), table.get("power", 1)
     good = isinstance(values, list) and 1 <= len(values) <= 50
-    if not good or not all(type(v) in (int, float) and 0 <= v < math.inf for v in map(_float, values)):
-        raise ModelError(f"the scan values of {name!r} are 1 to 50 numbers, none negative.")
-    if usual.of == "steps" and not all(float(v).is_integer() and v <= 1000 for v in values):
-        raise ModelError(f"the scan values of {name!r} are whole samples up to 1000.")
-    if usual.of == "time" and max(values) > 1:
-        raise ModelError(f"the scan values of {name!r} lie between 0 (a few samples) and 1 (a part of the record).")
-    if usual.of in ("amplitude", "speed", "gain") and min(values) == 0:
-        raise ModelError(f"the scan values of {name!r} must be above 0.")
-    if type(power) is not int or abs(power) > 3:
-        raise ModelError(f"the scan power of {name!r} is a whole number from -3 to 3.")
-    return Scan(usual.of, tuple(values), power)
+    good = good and all(type(v) in (int, float) and 0 <= v < math.inf for v in map(_float, values))
+    must = f"the scan values of {name!r} must be"
+    _refuse(not good, f"{must} 1 to 50 numbers, none negative.")
+    whole = all(float(v).is_integer() and v <= 1000 for v in values)
+    _refuse(of == "steps" and not whole, f"{must} whole samples up to 1000.")
+    _refuse(of == "time" and max(values) > 1, f"{must} between 0 (a few samples) and 1 (a part of the record).")
+    _refuse(of in ("amplitude", "speed", "gain") and min(values) == 0, f"{must} above 0.")
+    small = type(power) is int and abs(power) <= 3
+    _refuse(not small, f"the scan power of {name!r} is a whole number from -3 to 3.")
+    return Scan(of, tuple(values), power)
 
 
 def _float(value: Any) -> Any:
@@ -322,18 +303,17 @@ def _float(value: Any) -> Any:
 
 
 def _states(data: Mapping[str, Any], shape: set[str]) -> tuple[tuple[str, str, str], ...]:
-    listed = data.get("states", [])
-    if not isinstance(listed, list) or len(listed) > MAX_PARTS:
-        raise ModelError(f"'states' is a list of at most {MAX_PARTS} tables.")
-    found: list[tuple[str, str, str]] = []
+    listed, found = data.get("states", []), dict[str, tuple[str, str, str]]()
+    many = not isinstance(listed, list) or len(listed) > MAX_PARTS
+    _refuse(many, f"'states' is a list of at most {MAX_PARTS} tables.")
     for one in listed:
-        if not isinstance(one, Mapping) or not {"state", "update"} <= set(one) <= STATE_FIELDS:
-            raise ModelError("a state has the fields state, update and initial (0 unless given).")
+        known = isinstance(one, Mapping) and {"state", "update"} <= set(one) <= STATE_FIELDS
+        _refuse(not known, "a state has the fields state, update and initial (0 unless given).")
         name, update, initial = (_text(one.get(n, "0"), n) for n in ("state", "update", "initial"))
-        if not NAME.fullmatch(name) or name in RESERVED or name in shape or name in [n for n, _, _ in found]:
-            raise ModelError(f"the state {name[:40]!r} needs another name.")
-        found.append((name, update, initial))
-    return tuple(found)
+        taken = not NAME.fullmatch(name) or name in {*RESERVED, *shape, *found}
+        _refuse(taken, f"the state {name[:40]!r} needs another name.")
+        found[name] = (name, update, initial)
+    return tuple(found.values())
 
 
 def _corners(scan: Mapping[str, Scan]) -> set[tuple[int, ...]]:
@@ -347,18 +327,15 @@ def _computable(form: Form, places: Mapping[str, tuple[str, ...]], shape: tuple[
     updates = [(s.left, s.right) for s in form.states]
     updates += [(signal(f"contribution_{i}")[k], e) for i, e in enumerate(form.z)]
     Recursion(tuple(updates), tuple(sp.Symbol(n, real=True) for n in (*shape, "Ts")))
-    if sum(written_out(e, form.states) for e in form.z) > MAX_WRITTEN:
-        raise ModelError("the equations grow too large when the states are written out.")
-    own = {s.left.base.name for s in form.states}
-    for _, right in updates:
-        for s in samples(right):
-            name = s.base.name
-            late = name == "y" or (name == "x" and "y" in places.get("input", ()))
-            if name not in own and lag(s) < (1 if late else 0):
-                raise ModelError(f"{s} is not known at time k there; use earlier samples.")
+    large = sum(written_out(e, form.states) for e in form.z) > MAX_WRITTEN
+    _refuse(large, "the equations grow too large when the states are written out.")
+    own, shapes = {s.left.base.name for s in form.states}, {sp.Symbol(n, real=True) for n in (*shape, "Ts")}
+    for s in (s for _, right in updates for s in samples(right) if s.base.name not in own):
+        late = s.base.name == "y" or (s.base.name == "x" and "y" in places.get("input", ()))
+        _refuse(lag(s) < late, f"{s} is not known at time k there; use earlier samples.")
     for state in form.states:
-        for s in samples(state.initial):
-            if s.base.name not in ("x", "u", "y") or lag(s) < 0:
-                raise ModelError(f"the initial value of {state.left} may contain samples of x, u and y, not {s}.")
-        if state.initial.free_symbols & {sp.Symbol(n, real=True) for n in (*shape, "Ts")}:
-            raise ModelError(f"the initial value of {state.left} contains a shape parameter; only signals and numbers.")
+        begins = f"the initial value of {state.left}"
+        foreign = [s for s in samples(state.initial) if s.base.name not in ("x", "u", "y") or lag(s) < 0]
+        _refuse(foreign, f"{begins} may contain samples of x, u and y, not {_few(foreign)}.")
+        shaped = state.initial.free_symbols & shapes
+        _refuse(shaped, f"{begins} contains a shape parameter; only signals and numbers.")
