@@ -72,12 +72,8 @@ def _powers_of_output(term: Any, s: Structure) -> str:
 
 def _powers_of_sign(term: Any, s: Structure) -> str:
     second = differences(s.input)[1]
-    worst = max(
-        [
-            0,
-            *(f.as_base_exp()[1] for f in sp.Mul.make_args(term) if f.as_base_exp()[0] in samples(term, second)),
-        ]
-    )
+    factors = (f.as_base_exp() for f in sp.Mul.make_args(term))
+    worst = max([0, *(power for base, power in factors if base in samples(term, second))])
     return f"phi2 enters with power {worst} > 1" if worst > 1 else ""
 
 

@@ -35,6 +35,10 @@ ROUNDED = 1e-12  # of the sum of the coefficients of older outputs: nearer to 1 
 FADES = 0.5  # a negative pole up to here is gone within a few samples, and stands as a delay
 APART = 3.0  # times faster than the mass: what lags more is a part of its own
 PRECISION = 30  # digits of poles: near 1 their logarithm loses many
+MASSES = {
+    ("N", "m"): "kg",
+    **{(torque, "rad"): "kg m²" for torque in ("N m", "N·m", "Nm")},
+}  # a force over acceleration
 TIME: sp.Symbol = sp.Symbol("t", real=True)
 
 
@@ -62,10 +66,8 @@ class Unit:
         if self.said:
             return self.said
         names = (labels["force"], labels["u"], labels["y"])
-        if (self.force, self.y, self.s) == (1, -1, 2) and names[0] == "N" and names[2] == "m":
-            return "kg"
-        if (self.force, self.y, self.s) == (1, -1, 2) and names[0] in ("N m", "N·m", "Nm") and names[2] == "rad":
-            return "kg m²"
+        if (self.force, self.y, self.s) == (1, -1, 2) and (names[0], names[2]) in MASSES:
+            return MASSES[names[0], names[2]]
         listed = [*zip(names, (self.force, self.input, self.y), strict=True), ("s", self.s)]
         above = " ".join(_power(n, p) for n, p in listed if p > 0)
         below = [_power(n, -p) for n, p in listed if p < 0]
@@ -266,9 +268,8 @@ def linear_part(model: Model) -> Linear:
     if not isfinite(total) or total == 0:
         raise ModelError("There is no linear part: a steady input does not act on the output at the operating point.")
     linear = not any(samples(c) for c in tangent.values())
-    poles, integrators = _poles(
-        [sp.sympify(a.get(i, 0)).xreplace(model.values) for i in range(1, max(a, default=0) + 1)]
-    )
+    listed = [sp.sympify(a.get(i, 0)).xreplace(model.values) for i in range(1, max(a, default=0) + 1)]
+    poles, integrators = _poles(listed)
     named = {sp.Symbol(f"p_{i}"): p for i, p in enumerate(poles, 1)}
     delayed = tuple(s for s, p in named.items() if sp.im(p) == 0 and p <= 0)
     for s in delayed:
@@ -276,8 +277,7 @@ def linear_part(model: Model) -> Linear:
             raise ModelError(
                 f"There is no differential equation with the pole {float(named[s]):.4g}: it alternates from sample "
                 "to sample, which is impossible in continuous time. Fit fewer lags of the output, or a record at a "
-                "higher "
-                "rate."
+                "higher rate."
             )
     constant = held(core, lambda _: sp.S.Zero)
     return Linear(a, b, constant, named, integrators, delayed, linear, sp.Float(model.Ts))
@@ -347,9 +347,8 @@ def transfer(linear: Linear, values: Mapping[Any, Any]) -> Transfer:
         return Transfer((mean + faded - _held_lag(linear, simple)) * Ts, None, False, said)
     if first >= 1 and span <= n and simple:
         lead = _lead(linear, first) if n == 2 else None
-        return Transfer(
-            (first - 1) * Ts, lead, n <= 2, "" if n <= 2 else "the zeros of the transfer function are left out"
-        )
+        said = "the zeros of the transfer function are left out" if n > 2 else ""
+        return Transfer((first - 1) * Ts, lead, n <= 2, said)
     if n == 1 and first >= 1 and span == 2 and linear.lasting:  # a dead time between two samples
         (p,), share = linear.lasting, linear.b[first] / linear.B
         if 0 < linear.real(share, values) < 1:
@@ -359,9 +358,8 @@ def transfer(linear: Linear, values: Mapping[Any, Any]) -> Transfer:
 
 
 def _several(span: int) -> str:
-    return (f"{span} samples of the input act, more than a zero-order hold explains; they are treated as a delay") * (
-        span > 1
-    )
+    said = f"{span} samples of the input act, more than a zero-order hold explains; they are treated as a delay"
+    return said if span > 1 else ""
 
 
 def _residues(linear: Linear) -> dict[Any, tuple[Any, Any]]:
@@ -414,21 +412,16 @@ def linear_rows(linear: Linear, way: Transfer, direction: int, values: Mapping[A
     rows, second = [], Unit(s=1)
     mass = _moving(linear, values)
     told = mass is not None and (linear.integrators > 0 or any(sp.im(p) != 0 for p in linear.poles.values()))
-    if mass is not None:
-        m, d, stiff = (e * direction for e in mass)
-        rows += [Row("mass", "m", m, Unit(1, -1, 2), main=told)] if m != 0 else []
-        rows += [Row("viscous friction", "d", d, Unit(1, -1, 1), main=told)] if d != 0 else []
-        rows += [Row("stiffness", "k", stiff, Unit(1, -1), main=told)] if stiff != 0 else []
+    forces = (("mass", "m", Unit(1, -1, 2)), ("viscous friction", "d", Unit(1, -1, 1)), ("stiffness", "k", Unit(1, -1)))
+    for (name, symbol, per), e in zip(forces, mass or (), strict=False):
+        rows += [Row(name, symbol, e * direction, per, main=told)] if e != 0 else []
     unit = Unit(y=1, s=-linear.integrators, input=-1)
     kind = {0: "gain", 1: "integrator gain"}.get(linear.integrators, f"gain of {linear.integrators} integrators")
     rows.append(Row(kind, "K", linear.gain, unit, main=not told))
     rows += _modes(linear, told)
     if way.lead is not None:
-        rows.append(
-            Row(
-                "lead of the input", "T_z", way.lead, second, main=abs(linear.real(way.lead, values)) > float(linear.Ts)
-            )
-        )
+        slow = abs(linear.real(way.lead, values)) > float(linear.Ts)
+        rows.append(Row("lead of the input", "T_z", way.lead, second, main=slow))
     if linear.real(way.delay, values) > 0:
         rows.append(Row("dead time", "T_d", way.delay, second))
     return rows
@@ -437,23 +430,16 @@ def linear_rows(linear: Linear, way: Transfer, direction: int, values: Mapping[A
 def _modes(linear: Linear, told: bool) -> list[Row]:
     """Return time constants, natural frequencies and damping ratios, the slowest first."""
     rows: list[Row] = []
-    real: list[Any] = []
-    pairs: list[list[Any]] = []
-    s = linear.s
-    for p in linear.lasting:
-        if sp.im(linear.poles[p]) == 0:
-            real.append(p)
-        elif not pairs or len(pairs[-1]) == 2:
-            pairs.append([p])
-        else:
-            pairs[-1].append(p)
+    s, real = linear.s, [p for p in linear.lasting if sp.im(linear.poles[p]) == 0]
+    swinging = [p for p in linear.lasting if p not in real]
+    pairs = [*zip(swinging[::2], swinging[1::2], strict=True)]  # equally slow: each stands beside its conjugate
     for i, p in enumerate(real, 1):
         number = f"_{i}" if len(real) > 1 else ""
         rows.append(Row("time constant", f"tau{number}", -1 / s[p], Unit(s=1), main=not told))
-    oscillating = [*pairs, *([real] if len(real) == linear.order == 2 else [])]
+    oscillating: list[Any] = [*pairs, *([real] if len(real) == linear.order == 2 else [])]
     for i, (p, q) in enumerate(oscillating, 1):
         number, omega = f"_{i}" if len(oscillating) > 1 else "", sp.sqrt(s[p] * s[q])
-        main = [p, q] in pairs
+        main = (p, q) in pairs
         rows.append(Row("natural frequency", f"f_0{number}", omega / (2 * sp.pi), Unit(said="Hz"), main=main))
         rows.append(Row("damping ratio", f"zeta{number}", -(s[p] + s[q]) / (2 * omega), Unit(), main=main))
     return rows
@@ -592,13 +578,8 @@ def with_errors(found: Continuous, linear: Linear, model: Model, covariance: Any
     n, made = len(model.symbols), []
     for one in found.quantities:
         slopes = linear.derivatives(one.expression, model.symbols, model.values)
-        terms = (
-            slopes[i] * slopes[j] * float(covariance[i][j])
-            for i in range(n)
-            for j in range(n)
-            if slopes[i] and slopes[j]
-        )
-        variance = sum(terms)
+        known = [i for i in range(n) if slopes[i]]
+        variance = sum(slopes[i] * slopes[j] * float(covariance[i][j]) for i in known for j in known)
         made.append(replace(one, error=variance**0.5 if variance >= 0 else float("nan")))
     return replace(found, quantities=tuple(made))
 

@@ -133,14 +133,7 @@ class Model(ModelDoors, printing.InLatex):
             raise ModelError(f"{output.name}[k] depends on samples after k; a model uses present and past inputs only.")
 
     def _carry(
-        self,
-        theta: Sequence[float] | None,
-        standard_errors: Sequence[float] | None,
-        Ts: float | None,
-        constraints: Sequence[Any],
-        info: Info,
-        effects: Sequence[AddedEffect],
-        bounds: Mapping[Any, tuple[float, float]],
+        self, theta: Any, standard_errors: Any, Ts: Any, constraints: Any, info: Info, effects: Any, bounds: Any
     ) -> None:
         """Take what stands beside the equations; without parameters their values are known."""
         theta = () if theta is None and not self.symbols else theta
@@ -359,13 +352,9 @@ class Model(ModelDoors, printing.InLatex):
         """One row per parameter: symbol, term, value, standard error."""
         term_of = {c: e for _, listed in self.system() for c, e in listed if c in self.symbols}
         blank = [None] * len(self.symbols)
+        said = {s: printing.text(term) for s, term in term_of.items()}
         return [
-            {
-                "symbol": str(s),
-                "term": printing.text(term_of[s]) if s in term_of else "",
-                "theta": v,
-                "standard_error": e,
-            }
+            {"symbol": str(s), "term": said.get(s, ""), "theta": v, "standard_error": e}
             for s, v, e in zip(self.symbols, self.numbers or blank, self.standard_errors or blank, strict=True)
         ]
 
