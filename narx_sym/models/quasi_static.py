@@ -82,12 +82,7 @@ def _shown(branch: Any) -> str:
 def _static(expr: Any, model: Model, direction: int) -> Any:
     """Drop the time indices: y[k-i] is ytilde, u[k-j] is u, phi1[k-j] is phi_1, phi2[k-j] the direction."""
     first, second = differences(model.input)
-    values = {
-        model.output: ytilde,
-        model.input: u_,
-        first: phi1_,
-        second: sp.Integer(direction),
-    }
+    values = {model.output: ytilde, model.input: u_, first: phi1_, second: sp.Integer(direction)}
     for one in plays(model):  # since the input turned it has stayed, or it is taken along
         low, high = one.between(u_)
         values[one.base] = sp.Max(low, _turned(one)) if direction > 0 else sp.Min(high, _turned(one))

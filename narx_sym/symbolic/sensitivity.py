@@ -138,9 +138,7 @@ class Tangent:
 
 
 def sensitivities(
-    recursion: Any,
-    parameters: Sequence[Any] | None = None,
-    initial: bool | Sequence[Sequence[Any]] = False,
+    recursion: Any, parameters: Sequence[Any] | None = None, initial: bool | Sequence[Sequence[Any]] = False
 ) -> tuple[Recursion, list[dict[Any, Any]]]:
     """Append the derivatives of every state to a recursion.
 
