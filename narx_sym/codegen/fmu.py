@@ -188,27 +188,26 @@ def _binary(name: str, code: str, version: int) -> dict[str, bytes]:
     system = platform.system()
     folder = FOLDERS.get((system, platform.machine()), ("", ""))[3 - version]
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
-    if not folder or compiler is None:
-        why = "no C compiler was found" if folder else f"FMI {version}.0 has no name for this machine"
-        warnings.warn(f"The FMU holds its source, but no binary: {why}.", stacklevel=2)
+
+    def without(why: str) -> dict[str, bytes]:
+        warnings.warn(f"The FMU holds its source, but no binary: {why}", stacklevel=3)
         return {}
+
+    if not folder or compiler is None:
+        return without("no C compiler was found." if folder else f"FMI {version}.0 has no name for this machine.")
     file = name + ENDINGS[system]
     with tempfile.TemporaryDirectory() as work:
         command = [
             compiler, "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden",
             f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX", "-x", "c", "-", "-o", file, "-lm",
         ]  # fmt: skip
+        options: Any = {"cwd": work, "capture_output": True, "text": True, "timeout": LONGEST_COMPILATION}
         try:
-            ran = subprocess.run(
-                command, input=code, cwd=work, capture_output=True, text=True, timeout=LONGEST_COMPILATION
-            )
+            ran = subprocess.run(command, input=code, **options)
         except (OSError, subprocess.TimeoutExpired) as error:
-            warnings.warn(f"The FMU holds its source, but no binary: {compiler}: {error}.", stacklevel=2)
-            return {}
+            return without(f"{compiler}: {error}.")
         if ran.returncode:
-            said = ran.stderr.strip()[:300]
-            warnings.warn(f"The FMU holds its source, but no binary: {compiler} says: {said}", stacklevel=2)
-            return {}
+            return without(f"{compiler} says: {ran.stderr.strip()[:300]}")
         return {f"binaries/{folder}/{file}": Path(work, file).read_bytes()}
 
 

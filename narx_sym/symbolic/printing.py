@@ -63,13 +63,12 @@ class _Latex(LatexPrinter):
             return rf"q^{{{self._print(expr.exp)}}}"
         return str(super()._print_Pow(expr))
 
-    def _print_ExpBase(self, expr: Any, exp: Any = None) -> str:  # beside a parameter e
-        shown = rf"\exp\left({self._print(expr.args[0])}\right)"
+    def _print_ExpBase(self, expr: Any, exp: Any = None, name: str = r"\exp") -> str:  # beside a parameter e
+        shown = rf"{name}\left({self._print(expr.args[0])}\right)"
         return rf"{shown}^{{{exp}}}" if exp else shown
 
     def _print_sign(self, expr: Any, exp: Any = None) -> str:
-        shown = rf"\operatorname{{sign}}\left({self._print(expr.args[0])}\right)"
-        return rf"{shown}^{{{exp}}}" if exp else shown
+        return self._print_ExpBase(expr, exp, r"\operatorname{sign}")
 
 
 class _Law(_Latex):
@@ -125,10 +124,6 @@ class InLatex:
 _LATEX_SETTINGS: dict[str, Any] = {"mul_symbol": None, "fold_short_frac": False}
 
 
-def _latex_expr(expr: Any, **settings: Any) -> str:
-    return _Latex({**_LATEX_SETTINGS, **settings}).doprint(expr)
-
-
 def latex(thing: Any) -> str:
     r"""Return LaTeX of anything in the package: a model, a law, a condition, an expression, or a list of these.
 
@@ -142,7 +137,7 @@ def latex(thing: Any) -> str:
         return str(thing.latex())
     if isinstance(thing, (list, tuple)) and not isinstance(thing, sp.Basic):
         return r" \\ ".join(latex(item) for item in thing)
-    return _latex_expr(sp.sympify(thing) if isinstance(thing, (int, float, sp.Basic)) else thing)
+    return _Latex(_LATEX_SETTINGS).doprint(sp.sympify(thing) if isinstance(thing, (int, float, sp.Basic)) else thing)
 
 
 def latex_sum(lhs: Any, terms: list[tuple[Any, Any]], per_line: int = 3) -> str:
@@ -216,11 +211,7 @@ class _Text(StrPrinter):
         shown = ", ".join(map(self._print, arguments_of(expr) if row else expr.args))
         return f"{row.name if row else expr.func.__name__}({shown})"
 
-    def _print_Abs(self, expr: Any) -> str:
-        return self._print_Function(expr)
-
-    def _print_Heaviside(self, expr: Any) -> str:
-        return self._print_Function(expr)
+    _print_Abs = _print_Heaviside = _print_Function  # noqa: N815  SymPy's names
 
     def _print_Dummy(self, expr: Any) -> str:
         return str(expr.name)

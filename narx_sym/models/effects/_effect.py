@@ -21,7 +21,7 @@ from ..doors import EffectDoors
 from . import _derived
 
 # Where an effect may act, in words: from the input to what is measured.
-PLACES = {
+PLACES: dict[str, str] = {
     "input": "at the input", "force": "as a force at the input", "inside": "inside", "motion": "on the motion",
     "friction": "in the friction", "output": "at the output", "sensor": "at the sensor",
 }  # fmt: skip

@@ -144,7 +144,7 @@ def _built(name: str, data: Mapping[str, Any]) -> Effect:
     said = "'sign' is 1 where only a positive coefficient means this effect, else 0."
     _refuse(type(sign) is not int or sign not in (0, 1), said)
     _refuse(not isinstance(centred, bool), "'centred' is true or false.")
-    words = {n: _text(data.get(n, ""), n) for n in ("sentence", "source", "form")}
+    words: dict[str, Any] = {n: _text(data.get(n, ""), n) for n in ("sentence", "source", "form")}
     _refuse(not words["sentence"].strip(), "'sentence' says in plain words what the effect does.")
     share = (0.0 if sign else -math.inf, math.inf)
     made = effect(places, scan=scan, share=share, id=name, centred=centred, register=False, **words)(function)
