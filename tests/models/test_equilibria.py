@@ -9,8 +9,7 @@ from narx_sym.errors import ModelError
 from narx_sym.models.analysis import continuum, property_1, steady_state, ubar, ybar
 from narx_sym.models.extend import extend, variants
 from narx_sym.models.info import Info
-from narx_sym.models.rest.equilibria import resting
-from narx_sym.models.rest.roots import resting_points
+from narx_sym.models.rest.equilibria import resting, resting_points
 
 
 def polynomial(theta, **other):

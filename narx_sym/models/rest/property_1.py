@@ -16,9 +16,8 @@ from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import k, samples
 from ..model import Model
 from ..rest_map import plays, ubar, ybar
-from .equilibria import resting
+from .equilibria import Equilibria, resting, resting_points
 from .pieces import Linear, Piece, pieces, settles
-from .roots import Equilibria, resting_points
 
 
 @dataclass(frozen=True)
