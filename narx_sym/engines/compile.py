@@ -63,38 +63,11 @@ class Compiled:
     layout : Layout
     engine : str
     recursion : Recursion
-        Its equations; missing of a run with tangents.
+        Its equations; None of a run with tangents.
     """
 
-    recursion: Recursion
-
-    def __init__(self, layout: Layout, run: Callable[..., int], engine: str, recursion: Recursion | None = None):
-        self.layout, self.run, self.engine = layout, run, engine
-        if recursion is not None:
-            self.recursion = recursion
-
-    @classmethod
-    def made(cls, recursion: Recursion, engine: str) -> Compiled:
-        """Compile a recursion."""
-        plan = Plan.of(recursion)
-        place = ".machine.native" if engine == "native" else f".{engine}"
-        return cls(Layout.of(plan), import_module(place, __package__).build(plan), engine, recursion)
-
-    @classmethod
-    def kept(cls, recursion: Recursion) -> Compiled:
-        """Compile a recursion to machine code; from an earlier process if it was kept."""
-        from .machine.native import bound, coded
-
-        plain, numbers = lifted(recursion)
-
-        def make() -> tuple[Any, bytes]:
-            plan = Plan.of(plain)
-            return astuple(Layout.of(plan)), coded(plan)
-
-        told, code = kept(written(plain), make)
-        layout = replace(Layout(*told), parameters=len(recursion.parameters))
-        run = bound(code, len(layout.states) + len(layout.inputs), numbers)
-        return cls(layout, run, "native", recursion)
+    def __init__(self, layout: Layout, run: Callable[..., int], engine: str, recursion: Any = None):
+        self.layout, self.run, self.engine, self.recursion = layout, run, engine, recursion
 
     def __call__(
         self,
@@ -242,8 +215,20 @@ def _named(mapping: Mapping[Any, Any]) -> dict[str, Any]:
 @lru_cache(maxsize=512)
 def _compiled(recursion: Recursion, engine: str) -> Compiled:
     if engine != "native":
-        return Compiled.made(recursion, engine)
-    return Compiled.kept(recursion)
+        plan = Plan.of(recursion)
+        return Compiled(Layout.of(plan), import_module(f".{engine}", __package__).build(plan), engine, recursion)
+    from .machine.native import bound, coded
+
+    plain, numbers = lifted(recursion)
+
+    def make() -> tuple[Any, bytes]:
+        plan = Plan.of(plain)
+        return astuple(Layout.of(plan)), coded(plan)
+
+    told, code = kept(written(plain), make)
+    layout = replace(Layout(*told), parameters=len(recursion.parameters))
+    run = bound(code, len(layout.states) + len(layout.inputs), numbers)
+    return Compiled(layout, run, engine, recursion)
 
 
 def kept(recipe: str, make: Callable[[], tuple[Any, bytes]]) -> tuple[Any, Any]:

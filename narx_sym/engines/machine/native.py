@@ -10,7 +10,7 @@ import numpy as np
 from llvmlite import ir
 
 from ..plan import Plan
-from .emitter import BOOL, DOUBLE, INT, Emitter, loaded, loop, machine_code, multiply_add
+from .emitter import BOOL, DOUBLE, INT, Emitter, loop, machine_code, multiply_add
 from .lanes import Lanes
 
 MAX_CARRIED = 8  # older samples of a state are read from memory
@@ -192,11 +192,6 @@ def coded(plan: Plan, lanes: Lanes | None = None) -> bytes:
     """
     levels = scan_levels(plan) if lanes is None else None
     return machine_code(_emit_steps(plan, lanes) if levels is None else _emit_blocks(plan, levels), levels is None)
-
-
-def build(plan: Plan) -> Callable[..., int]:
-    """Return run(arrays, theta, start, stop) for a plan."""
-    return bound(loaded(coded(plan), "run"), len(plan.signals), np.zeros(0))
 
 
 def bound(code: Any, count: int, numbers: np.ndarray) -> Callable[..., int]:
