@@ -246,6 +246,12 @@ def offset(subject: Subject) -> Found:
 def stops(subject: Subject) -> Found:
     """Tell where the stops are, and how stiff."""
     form, zero = subject.added.form, _around(subject.model, "y")
+    if subject.added.where == "input":  # of what lies behind a first lag, in the unit of what drives it
+        name, sign = ("lower", -1) if "lower" in form else ("upper", 1)
+        at = _zero(subject) + sign * subject.shape("r")
+        rows = [subject.row(f"{name} end stop of the first lag", "u_s", at, Unit(input=1))]
+        rows.append(subject.row("time constant of the first lag", "tau_1", subject.shape("tau"), Unit(s=1)))
+        return Found(rows, note=_before(subject, "first lag"))
     both, rigid = "both" in form, "rigid" in form
     if both and not rigid:
         rows = [subject.row("half-width of the gap between the end stops", "y_s", subject.shape("r"), Unit(y=1))]

@@ -315,6 +315,25 @@ def test_effects_before_and_behind_have_widths_and_times() -> None:
     assert slack["half-width of the play"].unit == "m"
 
 
+@pytest.mark.parametrize(
+    ("form", "name", "at"),
+    [
+        ("of a first lag, spilling over", "upper end stop of the first lag", 3.5),
+        ("of a first lag, lower", "lower end stop of the first lag", 2.5),
+    ],
+)
+def test_the_stop_of_a_first_lag_has_the_unit_of_the_input(form: str, name: str, at: float) -> None:
+    """An upper tank spills over where an input at rest of that size would bring it."""
+    base = ns.NARX.from_terms(["y[k-1]", "u[k-1]"], [0.9, 0.3], operating_point={"u": 3.0, "y": 9.0}, Ts=4.0)
+    added = extend(base, next(v for v in variants(base) if v.effect.id == "end_stop" and v.effect.form == form))
+    sizes = {**dict.fromkeys(added.coefficients, 0.9), **dict(zip(added.shape, (0.5, 120.0), strict=True))}
+    found = added.model.replace(theta=[0.9, 0.3, *(sizes[s] for s in added.model.symbols[2:])]).continuous()
+    assert found[name].value == pytest.approx(at) and found[name].unit == found["gain"].unit.partition("/")[2].strip(
+        "()"
+    )
+    assert found["time constant of the first lag"].value == pytest.approx(120.0)
+
+
 def test_a_slack_takes_its_part_of_the_friction_that_slips() -> None:
     """Of 5 N, 0.8 times the half that the band hides: 3 N are passed on, over a slack of half of 0.4 mm."""
     way = ns.NARX.from_terms(["u[k]", "u[k-1]"], [2.0, -1.9], Ts=0.01)
