@@ -43,7 +43,7 @@ from .table.candidates import (
 from .table.exchange import exchanged, instead
 from .table.rounds import Table
 from .table.row import Row
-from .table.verdict import alike, nothing_named, removes, verdict
+from .table.verdict import alike, nothing_named, probabilities, removes, verdict
 
 PARTS = ("train", "validation")  # the diagnosed records, and those that no model is fitted to
 ONE_STEP = (
@@ -362,7 +362,9 @@ class Step:
 
     @property
     def how_sure(self) -> str:
-        """The probability of the first candidate, with what means the same, in percent; "" where there is none."""
+        """The probability of what is named, with what means the same, in percent; "" where there is none."""
+        if self.pair is not None:
+            return "" if self.pair.probability is None else percent_of(self.pair.probability)
         best = next(iter(self.candidates), None)
         if best is None or best.probability is None:
             return ""
@@ -423,7 +425,7 @@ class Step:
             "valves": [v.to_dict() for v in self.valves],
             "together": self.pair and {
                 "effects": list(self.pair.effects), "share": self.pair.share,
-                "rivals": [list(rival) for rival in self.pair.rivals],
+                "rivals": [list(rival) for rival in self.pair.rivals], "probability": self.pair.probability,
             },
             "experiment": self.experiment and {
                 "separates": list(self.experiment.separates), "file": experiment_file,
@@ -524,7 +526,8 @@ def step(
         rivals = tuple(ids for ids in (tuple(v.id for v in r.beyond(known)) for r in found[1:]) if ids)
         own = {meaning(name, made.meanings) for name in both}
         rivals = tuple(ids for ids in rivals if {meaning(name, made.meanings) for name in ids} != own)
-        made.pair = Pair(tuple(both), chosen, share, rivals, verdict(share, left, 1) != "helps_but_incomplete")
+        complete = verdict(share, left, 1) != "helps_but_incomplete"
+        made.pair = Pair(tuple(both), chosen, share, rivals, complete, _probability(table, best, known, made.meanings))
     if len(made.confusion_set) > 1 and not pair:
         table.course.say(": looking for an experiment that separates them")
         bare = next((table.own(r).model for r in found if not r.beyond(known) and table.holds(r)), None)
@@ -533,6 +536,13 @@ def step(
     table.course.say(": deleting redundant terms")
     made.chosen = prune(chosen, base)
     return made, best
+
+
+def _probability(table: Table, best: Row, known: Row, meanings: Mapping[str, str]) -> float:
+    """Return how probable a set of effects is, with those sets that mean the same."""
+    own = {meaning(name, meanings) for name in best.ids}
+    found = probabilities(table.beside(known), known, len(best.beyond(known)))
+    return total(p for ids, p in found.items() if {meaning(name, meanings) for name in ids} == own)
 
 
 def law_worth(model: Model) -> int:

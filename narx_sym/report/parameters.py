@@ -14,7 +14,8 @@ from ..diagnosis.table.candidates import Candidate
 from ..errors import NarxError
 from ..fit.continuous import continuous
 from ..models.added import AddedEffect, newer, outside
-from ..models.continuous_time import Continuous
+from ..models.continuous_time import Continuous, Quantity
+from ..models.extend import form_of
 from ..models.model import Model
 from ..symbolic.numbers import sized
 from ..symbolic.signals import expand_phi
@@ -29,6 +30,8 @@ LETTERS = {  # what the catalogue calls by a letter alone
     "hysteresis c3": "curvature along the motion", "hysteresis a": "pole of the lag",
     "stiction c": "size of the effect", "stiction r": "sliding band",
     "stiction e": "additional breakaway band", "backlash c": "share", "backlash w": "half-width",
+    "backlash r": "half-width", "dead_zone r": "half-width", "saturation r": "limit",
+    "creep tau": "shortest time constant",
 }  # fmt: skip
 
 
@@ -87,7 +90,8 @@ def shape_units(diagnosis: Diagnosis, units: Units, model: Model | None = None) 
     known = {(c.effect, c.variant.effect.form): c.variant.effect.unit for s in diagnosis.steps for c in s.candidates}
     found = {}
     for one in (model or diagnosis.model).effects:
-        given = known.get((one.effect, one.form), {})
+        form = form_of(one)
+        given = form.unit if form is not None else known.get((one.effect, one.form), {})
         for name, symbol in one.shape.items():
             found[str(symbol)] = shape_unit(given.get(name, ""), one, units)
     return found
@@ -123,9 +127,32 @@ def added_sizes(diagnosis: Diagnosis, units: Units, told: Continuous | str | Non
     ]
 
 
+def shape_sizes(diagnosis: Diagnosis, units: Units, told: Continuous | str) -> tuple[list[str], bool]:
+    """Return the lengths, times and levels of the added effects that are not `told`, and whether some effect has none.
+
+    A shape parameter has the unit of a signal; what a coefficient means depends on the rest of the model.
+    """
+    known = {q.effect for q in told.quantities if str(q.symbol) in told.main} if isinstance(told, Continuous) else ()
+    model, shapes = diagnosis.model, shape_units(diagnosis, units)
+    errors = {str(r["symbol"]): r["standard_error"] or 0.0 for r in model.table()}
+    new = [e for e in newer(model, diagnosis.steps[0].base.model) if e.effect not in known]
+    lines = []
+    for one in new:
+        for n, s in one.shape.items():
+            word, unit = LETTERS.get(f"{one.effect} {n}", n), shapes.get(str(s), "")
+            size = Quantity(f"{word} of the {spaced(one.effect)}", s, s, float(model.values[s]), errors[str(s)], unit)
+            lines.append(size.text)
+    return lines, not all(one.shape for one in new)
+
+
 def called(model: Model, units: Units) -> dict[str, str]:
     """Return what the parameters of effects are called, by their symbols: as a physical quantity, else by `LETTERS`."""
-    own = {str(s): f"{one.effect} {n}" for one in model.effects for n, s in one.symbols.items()}
+    own = {
+        str(s): f"{one.effect} {n}"
+        for one in model.effects
+        for n, s in one.symbols.items()
+        if one.form != "play superposition" or n in one.shape  # its coefficients are the weights of plays
+    }
     names = {str(s) for s in model.symbols}
     if names >= {"c1", "c2", "c3", "d", "h0"}:  # a base of Bouc and Wen
         own |= {n: f"hysteresis {n}" for n in names}

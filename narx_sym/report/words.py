@@ -54,6 +54,7 @@ BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "outside_library": "not in the catalogue",
     "closed_loop": "taken in closed loop",
 }
+PROBABLE = ("named", "confused", "two_effects", "helps_but_incomplete")  # findings with a probability
 PARTS = {"train": "record", "validation": "validation"}  # data, as a ladder has them
 NAMED = 5  # columns in a sentence
 AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the floor
@@ -62,16 +63,18 @@ AT_FLOOR = 1.1  # times the noise floor: an error up to here is called at the fl
 def badge(diagnosis: Diagnosis) -> str:
     """Return the headline in a few words, and how sure it is where effects are named."""
     first = diagnosis.steps[0]
-    sure = f"{first.how_sure}: " if first.finding == "named" and first.how_sure else ""
+    sure = f"{first.how_sure}: " if first.finding in PROBABLE and first.how_sure else ""
     said = [sure + BADGES[first.finding]]
     if (pair := first.pair) is not None and first.finding == "two_effects":
-        said = ["one of several explanations that fit alike"] if pair.rivals else said
+        if pair.rivals:
+            each = f" (each with {joined(map(spaced, pair.sure))})" if pair.sure else ""
+            said = [f"{sure}the most probable of {len(pair.rivals) + 1} explanations that fit{each}"]
         said += ["something else is missing too"] * incomplete(diagnosis)
     if first.finding == "valve" and (valve := worst_valve(first.valves)).band:
         said += [f"which explains {percent(1 - valve.left)} of the squared error"]
     if first.finding == "helps_but_incomplete":
         said += ["uncertain because the input is a single sine"] * _one_sine(first)
-    return ", ".join(filter(None, said))
+    return "; ".join(filter(None, said))
 
 
 def incomplete(diagnosis: Diagnosis) -> bool:
@@ -79,6 +82,18 @@ def incomplete(diagnosis: Diagnosis) -> bool:
     first = diagnosis.steps[0]
     missing = ("helps_but_incomplete", "outside_library", "unexplained", "follows_nothing", "refused")
     return first.finding in missing or (first.pair is not None and not first.pair.all)
+
+
+def doubt(diagnosis: Diagnosis) -> str:
+    """Say why the model is not to be relied on yet; an empty text where nothing speaks against it."""
+    first = diagnosis.steps[0]
+    if incomplete(diagnosis):
+        return "something is still missing from its model"
+    if first.verdict == "closed_loop":
+        return "its model is from a record in closed loop"
+    if first.verdict == "confused" or (first.pair is not None and first.pair.rivals):
+        return "these data do not decide what its model needs"
+    return "its model is from a single sine" if _one_sine(first) else ""
 
 
 def _one_sine(step: Step) -> bool:
@@ -166,7 +181,8 @@ def headline(diagnosis: Diagnosis) -> str:  # noqa: C901, PLR0911, PLR0912
     sine = "; a single sine cannot distinguish similar effects" if _one_sine(first) else ""
     if first.pair is not None:
         names = list(map(spaced, first.told(*first.pair.effects)))
-        missing = f"{first.pair.counted} are probably missing" if len(names) > 1 else "Probably missing"
+        sure = "may be" if first.pair.rivals else "are probably"
+        missing = f"{first.pair.counted} {sure} missing" if len(names) > 1 else "Probably missing"
         return f"{missing}: {joined(names)}{sine}."
     names = list(map(spaced, first.told(*first.confusion_set)))
     if first.verdict == "helps_but_incomplete":

@@ -15,10 +15,9 @@ from narx_sym.diagnosis.procedure import Diagnosis
 from narx_sym.diagnosis.steps import NO_FLOOR, Step
 from narx_sym.diagnosis.table.candidates import Pair
 from narx_sym.report import hero, page, words
-from narx_sym.report.panels import registry
+from narx_sym.report.panels import registry, verdict
 from narx_sym.report.panels.registry import Material, panels
 from narx_sym.report.picture import Picture
-from narx_sym.report.words import number
 from narx_sym.symbolic.numbers import few, sized
 
 # Key of the part: a text that only it tells, and the number of its pictures on the stage's diagnosis.
@@ -57,8 +56,12 @@ def test_what_it_tells(key, material, stage_parts):
 def test_the_values_are_those_of_the_last_model(stage_diagnosis):
     (made,) = page.sections(stage_diagnosis, STAGE_UNITS, keys=["verdict"])
     (effect,) = stage_diagnosis.model.effects
-    for name, symbol in effect.symbols.items():
-        assert f"{name} = {number(float(stage_diagnosis.model.values[symbol]), 4)}" in made.html
+    errors = {row["symbol"]: row["standard_error"] for row in stage_diagnosis.model.table()}
+    for symbol in effect.shape.values():
+        value, half = float(stage_diagnosis.model.values[symbol]), 1.96 * errors[str(symbol)]
+        said, low, high = re.search(rf"{effect.effect} ([\d.]+) rad.*?95.%: ([\d.]+) to ([\d.]+)\)", made.html).groups()
+        assert float(said) == pytest.approx(value, rel=5e-3)
+        assert (float(low), float(high)) == pytest.approx((value - half, value + half), abs=0.1 * half)
 
 
 def test_keys_of_pictures_are_unique_on_the_page(material):
@@ -150,18 +153,20 @@ def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
     first = stage_diagnosis.steps[0]
 
     def told(*rivals):
-        pair = Pair(("backlash", "creep"), first.chosen, 0.9, rivals)
+        pair = Pair(("backlash", "creep"), first.chosen, 0.9, rivals, probability=0.61)
         step = replace(first, pair=pair, verdict="helps_but_incomplete")
         found = replace(stage_diagnosis, steps=[step])
-        assert words.headline(found) == "Two effects are probably missing: backlash and creep."
+        sure = "may be" if rivals else "are probably"
+        assert words.headline(found) == f"Two effects {sure} missing: backlash and creep."
+        assert bool(words.doubt(found)) == bool(rivals)
         return step.sentence({}), words.badge(found), pair.sure
 
     sentence, badge, sure = told()
-    assert "It could also be" not in sentence and badge == "best explanation"
+    assert "It could also be" not in sentence and badge == "61 %: best explanation"
     assert sure == ("backlash", "creep")
     sentence, badge, sure = told(("backlash", "drift"), ("backlash",))
     assert sentence.endswith(" It could also be backlash with drift, or backlash; backlash is in all of them.")
-    assert badge == "one of several explanations that fit alike" and sure == ("backlash",)
+    assert badge == "61 %: the most probable of 3 explanations that fit (each with backlash)" and sure == ("backlash",)
     sentence, _, sure = told(*((name, "drift") for name in "abcd"))
     assert sentence.endswith("a with drift, or b with drift, or c with drift, or one of 1 more.") and not sure
 
@@ -184,7 +189,22 @@ def test_two_effects_that_leave_more_than_noise_are_not_all(stage_diagnosis):
     assert step.sentence({}).endswith(" in cross-validation, but something else is missing too.")
     found = replace(stage_diagnosis, steps=[step])
     assert words.headline(found) == "Two effects are probably missing: backlash and creep."
-    assert words.badge(found) == "best explanation, something else is missing too"
+    assert words.badge(found) == "best explanation; something else is missing too"
+    assert words.doubt(found) == "something is still missing from its model"
+
+
+def test_an_effect_without_a_size_of_its_own_is_told_by_what_it_moves(stage_diagnosis):
+    d, (_, after) = stage_diagnosis, verdict.Comparison.of(stage_diagnosis).runs.values()
+    before = verdict.Comparison.of(d).runs["base"]
+    assert f"{sized(float(np.sqrt(np.mean((before - after) ** 2))), 'um')} rms" in verdict.moved(d, d.last, "um")
+
+
+def test_a_size_whose_interval_includes_zero_is_not_fixed_by_the_data():
+    assert (
+        verdict.interval("share 0.02, 95 % -0.4 ... 0.5")
+        == "share 0.02: not fixed by the data (95\u00a0%: -0.4 to 0.5)"
+    )
+    assert verdict.interval("gain -17.3 N, 95 % -19.4 ... -15.3") == "gain -17.3 N (95\u00a0%: -19.4 to -15.3)"
 
 
 def test_no_noise_is_more_than_what_is_left(stage_diagnosis):

@@ -211,6 +211,8 @@ class Pair:
         What these data cannot tell from them, cheapest first: pairs, or effects that explain as much alone.
     all : bool
         Whether what they leave is noise, as far as can be told.
+    probability : float
+        That these are missing, among all sets of as many effects or fewer that were fitted.
     """
 
     effects: tuple[str, ...]
@@ -218,6 +220,7 @@ class Pair:
     share: float
     rivals: tuple[tuple[str, ...], ...] = ()
     all: bool = True
+    probability: float | None = None
 
     @property
     def effect(self) -> str:

@@ -128,13 +128,13 @@ def alike(rows: Sequence[E], best: E, coarse: float = ALIKE) -> list[E]:
     return found
 
 
-def probabilities(rows: Sequence[E], base: E) -> dict[tuple[str, ...], float]:
-    """Return how probable each set of effects is, of the base and of those with one effect more, base included.
+def probabilities(rows: Sequence[E], base: E, more: int = 1) -> dict[tuple[str, ...], float]:
+    """Return how probable each set of effects is, of the base and of those with up to so many `more`, base included.
 
     A price is a log loss per block: ln P(h | data) = -(blocks / 2) price(h) / TEMPERATURE + constant, with one
     temperature for all (Guo et al. 2017). What is at its limit another hypothesis adds nothing to that.
     """
-    listed = [r for r in cheapest(rows) if r.count <= base.count + 1 and np.isfinite(r.price)]
+    listed = [r for r in cheapest(rows) if r.count <= base.count + more and np.isfinite(r.price)]
     found = weighed([r.price for r in listed], [len(r.blocks) for r in listed])
     return {tuple(sorted(r.ids)): float(p) for r, p in zip(listed, found, strict=True)}
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ...data.evidence.stiction import worst_valve
 from ...diagnosis.misfit import Portrait
 from ...errors import ModelError, NotInvertible
@@ -16,7 +18,7 @@ from ...tasks.compensate import caution
 from ...tasks.physical import physical
 from .. import hero, words
 from ..comparison import Comparison, Units, stretch
-from ..parameters import added_sizes, candidate_parameters
+from ..parameters import candidate_parameters, shape_sizes
 from ..picture import Picture
 from ..plots.portrait import portrait_panels
 from ..plots.valve import loop_panels
@@ -24,12 +26,12 @@ from .registry import Material, panel
 
 if TYPE_CHECKING:
     from ...diagnosis.procedure import Diagnosis
+    from ...diagnosis.refit import Fitted
 
 
 SIZE, NARROW = (5.2, 4.2), (4.2, 4.2)  # [inch] of the pictures beside the verdict
 SURE = "An effect above its detection limit would have been found in 80 % of such records"
-NO_LAW = "No compensation law follows from this model."
-STABLE, BAD = "Stable over the range of the data", "Take care: "
+NO_LAW = "no compensation law follows from this model."
 
 
 def run(c: Comparison, units: Units, width: int) -> Picture:
@@ -104,8 +106,7 @@ def verdict(material: Material) -> dict[str, Any]:
     return seen | {
         "badge": SURE if now.steps[0].finding == "nothing_detectable" else words.badge(now),
         "sizes": sizes(shown, units, known), "fall": words.fall(shown, units, whole=False) or left(shown, units),
-        "linear": "; ".join(quantities(known, False)), "lamp": lamp(material),
-        "of": words.spaced(" ".join(d.rungs)),
+        "linear": "; ".join(map(interval, quantities(known, False))), "lamp": lamp(material),
         "next": words.what_next(now), "notes": [*(f.sentence for f in now.faults), *now.data_notes],
         "why": words.without_ids(now.sentence(units)),
         "steps": [words.without_ids(s.sentence(units)) for s in now.steps[1:]],
@@ -116,8 +117,13 @@ def quantities(known: Continuous | str, effects: bool) -> list[str]:
     """Return the quantities of the effects, or of the linear part, in physical units with their intervals."""
     if isinstance(known, str):
         return []
-    own = [q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects]
-    return [re.sub(r", 95 % (\S+) \.\.\. (\S+)", " (95\u00a0%: \\1 to \\2)", text) for text in own]
+    return [q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects]
+
+
+def interval(text: str) -> str:
+    """Return a size with its interval in brackets; one that includes zero says that the data do not fix the size."""
+    text = re.sub(r", 95 % (-\S+ \.\.\. [^-\s])", r": not fixed by the data, 95 % \1", text)
+    return re.sub(r", 95 % (\S+) \.\.\. (\S+)", " (95\u00a0%: \\1 to \\2)", text)
 
 
 def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
@@ -128,8 +134,9 @@ def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
         return [
             band.format(words.percent(v.band / v.span)) if v.band else "no stiction band found" for v in first.valves
         ]
-    if added := [*quantities(known, True), *added_sizes(d, units, known)]:
-        return added
+    if d.last is not None:
+        shapes, more = shape_sizes(d, units, known)
+        return [*map(interval, quantities(known, True) + shapes), *[moved(d, d.last, unit)] * more]
     fitting = [c for c in first.candidates if c.effect in first.confusion_set]
     if fitting or first.finding != "nothing_detectable" or not first.unseen:
         told = [f"{words.spaced(c.effect)}: {candidate_parameters(c, units)}" for c in fitting if first.refused is None]
@@ -139,28 +146,37 @@ def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
     return [f"smaller than its detection limit: {ends[0]} to {ends[-1]}"]
 
 
+def moved(d: Diagnosis, last: Fitted, unit: str) -> str:
+    """Say how far what was added moves the free run: what there is to say of an effect without a size of its own."""
+    pairs = zip(d.steps[0].base.errors, last.errors, strict=True)
+    change = np.abs(np.concatenate([before - after for before, after in pairs]))
+    rms, most = (sized(x, unit) for x in (np.sqrt(np.mean(change**2)), np.quantile(change, 0.95)))
+    return f"Change of the simulated output {rms} rms (95\u00a0% of the samples: below {most})"
+
+
 def left(d: Diagnosis, units: Units) -> str:
     """Say how large the error is where nothing was added."""
     sizes = [one["validation_rms"] for one in d.ladder]
     return f"{sized(sizes[-1], units.get('y', ''), beside=sizes[0])} rms; nothing was added."
 
 
-def lamp(material: Material) -> tuple[str, str]:
-    """Return the colour of the law of the model to take away, and what it says of stability, range and accuracy.
+def lamp(material: Material) -> tuple[str, str, str]:
+    """Return the colour of the law of the model to take away, whether it may run, and why: stability, range, accuracy.
 
-    A law is no better than its model: where something is missing from that, the colour is no green.
+    A law is no better than its model: where that is in doubt, the colour is no green.
     """
     try:
         said = caution(material.subject.law)
     except (ModelError, NotInvertible):
-        return "none", NO_LAW
+        return "none", "There is none:", NO_LAW
     errors = [one["validation_rms"] for one in material.diagnosis.ladder]
-    off = f"off by {sized(errors[-1], material.units.get('y', ''), beside=errors[0])} rms"
+    off = f"The model is off by {sized(errors[-1], material.units.get('y', ''), beside=errors[0])} rms."
     if said:
-        return "warn", BAD + said
-    if words.incomplete(material.diagnosis):
-        return "warn", f"{STABLE}; something is missing from its model, {off}."
-    return "good", f"{STABLE}; its model is {off}."
+        return "warn", "Only with care.", f"{said} {off}"
+    if why := words.doubt(material.diagnosis):
+        return "warn", "Not yet:", f"{why}. {off}"
+    loop = ", beside a position controller (the machine integrates)" if material.once(hero.width_of_rate) else ""
+    return "good", "Yes,", f"within the range of the data{loop}: the law is stable there. {off}"
 
 
 def bars(material: Material) -> list[dict[str, Any]]:
