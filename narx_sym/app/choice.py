@@ -78,13 +78,14 @@ class Wanted:
 
     @classmethod
     def of(cls, record: Record, before: Wanted) -> Wanted:
-        """Return the usual fields for a record: the measured output; a file that was given stays."""
-        found = usual(record)
+        """Return the usual fields for a record: its output, within the range of its input; a given file stays."""
+        found, (low, high) = usual(record), (float(end(record.u)) for end in (np.min, np.max))
+        limits = {"low": f"{low:.6g}", "high": f"{high:.6g}"} if low < high else {}
         digits = 2 - int(np.floor(np.log10(found.amplitude)))  # of the offset too: a far level costs none
         return cls(
             offset=f"{round(found.offset, digits):.10g}", amplitude=f"{found.amplitude:.3g}",
             frequency=f"{found.frequency:.3g}", seconds=f"{PERIODS / found.frequency:.3g}",
-            file=before.file, path=before.path,
+            file=before.file, path=before.path, **limits,
         )  # fmt: skip
 
     def made(self, said: Said, record: Record, unit: str) -> Callable[[], Reference]:

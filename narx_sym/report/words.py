@@ -51,7 +51,7 @@ BADGES = {  # by `Step.finding`: what the headline says, in a few words
     "named": "one explanation fits",
     "confused": "several explanations fit",
     "helps_but_incomplete": "helps, but is not all",
-    "outside_library": "not in the catalogue",
+    "outside_library": "more is missing than the catalogue explains",
     "closed_loop": "taken in closed loop",
 }
 PROBABLE = ("named", "confused", "two_effects", "helps_but_incomplete")  # findings with a probability

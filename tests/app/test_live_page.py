@@ -308,10 +308,13 @@ def runs_the_law(page, folder):
     page.locator(".ran").wait_for()
     assert page.get_by_role("img", name="Run of the law").is_visible()
     assert page.get_by_role("textbox", name="Frequency").input_value() == "0.5"  # what was typed stays
+    said = page.locator(".ran").inner_text()
+    page.get_by_role("tab", name="Export").click()
     with page.expect_download() as waiting:
-        page.get_by_role("link", name="Run of the law (CSV)").first.click()
+        page.get_by_role("link", name="Run of the law (CSV)").click()
     waiting.value.save_as(folder / "run.csv")
-    return page.locator(".ran").inner_text(), folder / "run.csv"
+    page.get_by_role("tab", name="Law").click()
+    return said, folder / "run.csv"
 
 
 def check_run(ran, model):

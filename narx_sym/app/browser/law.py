@@ -6,7 +6,7 @@ from nicegui import ui
 
 from ...data.readers import READERS
 from ..workbench import Workbench
-from .widgets import BEAT, Fault, Part, drop, equation, figure, link, listed, said, section
+from .widgets import BEAT, Fault, Part, drop, equation, figure, listed, said, section
 
 KINDS = {"measured": "Measured output", "sine": "Sine", "file": "A file"}
 FIELDS = {
@@ -28,15 +28,16 @@ class LawTab:
         with section("Compensation law"):
             said(
                 "The law computes the input that makes the output follow a reference. It is run on the model, and "
-                "compared with the best constant gain. Limits of the input are optional; they go into the source code "
-                "of the law too."
+                "compared with the best constant gain. The limits, at first the range of the data, hold here and in "
+                "the source code of the law; without them the input is not limited."
             )
             self.fill(LIMITS)
             with ui.element("div").props('role=group aria-label="Reference"'):
+                said("Reference that the output shall follow:")
                 kinds = ui.radio(KINDS, value=bench.wanted.kind, on_change=lambda event: self.choose(event.value))
                 kinds.props("inline")
             self.fields = Part(lambda: (bench.wanted.kind, bench.wanted.file), self.chosen)
-            run = ui.button("Run the law", on_click=lambda: bench.run_law())
+            run = ui.button("Derive and run the law", on_click=lambda: bench.run_law())
             run.props("no-caps unelevated").classes("main-button")
             made = Part(lambda: (bench.state.law, bench.state.run), self.ran)
         # Each by itself: who has pressed a button stays where he is.
@@ -85,4 +86,4 @@ class LawTab:
             said(run.sentence).classes("ran")
             figure(run.figure)
             listed(run.notes)
-            link("law_run.csv", "Run of the law (CSV)")
+            said("The files of the law and of this run are under Export.").classes("hint")

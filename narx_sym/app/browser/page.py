@@ -195,16 +195,16 @@ class Page:
                     self.fields: dict[str, Any] = {
                         "u": self.select("Input", names, choice.u),
                         "y": self.select("Output", names, choice.y),
+                        **{
+                            f"unit {n}": self.typed(title, choice.units[n], "maxlength=12 stack-label")
+                            for n, title in units.items()
+                        },
                         "t": self.select("Time [s]", {"": "none", **{n: n for n in names}}, choice.t),
                         "Ts": self.typed("Sampling time [s]", choice.Ts),
                         "rows": self.typed("Rows A:B, from 0", choice.rows),
                         "missing": self.select("Missing values", MISSING, choice.missing),
                         "machine": self.select("Kind of machine", KINDS, choice.machine),
                         "channels": self.select("Further channels", names, list(choice.channels), multiple=True),
-                        **{
-                            f"unit {n}": self.typed(title, choice.units[n], "maxlength=12 stack-label")
-                            for n, title in units.items()
-                        },
                     }
                     self.in_header()
                     for name, field in self.fields.items():
@@ -238,7 +238,8 @@ class Page:
         """Show the units that the file says where none is typed."""
         for n in self.bench.choice.units:
             field = self.fields[f"unit {n}"]
-            field.props["placeholder"] = self.bench.record.units.get(n, "") if self.bench.record else ""
+            known = self.bench.record.units.get(n, "") if self.bench.record else ""
+            field.props["placeholder"] = known or "such as V or mm"
             field.update()
 
     def as_it_was(self) -> None:

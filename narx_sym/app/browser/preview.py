@@ -55,7 +55,9 @@ def ran(tracked: Tracked, units: Mapping[str, str]) -> Ran:
         else f"{name} the model diverges"
         for name, (rms, most) in tracked.errors.items()
     ]
-    told = f"Error of the model's output against the reference: {'; '.join(said)}."
+    (own, _), (plain, _) = tracked.errors.values()
+    told = "" if own <= plain else "Do not use this law here: it follows the reference worse than a constant gain. "
+    told += f"Error of the model's output against the reference: {'; '.join(said)}."
     holds = f"{tracked.holds[0].upper()}{tracked.holds[1:]}." if tracked.holds else "The input stays within its limits."
     outputs = {"with the law": tracked.y, "without": tracked.plain.y}
     picture = plot_compensation(tracked.t, tracked.r, tracked.m, outputs, dict(units), tracked.limits)

@@ -90,7 +90,10 @@ def others_of(bench: Workbench, shown: set[str]) -> list[str]:
 
 def files(bench: Workbench) -> None:
     """Show the files to download."""
-    with section("Download"), ui.element("ul").classes("files"):
-        for name, (title, _) in offered(bench, bench._last.model).items():
-            with ui.element("li"):
-                link(name, title)
+    with section("Download"):
+        if bench.state.law is None:
+            said("For the files of the compensation law, derive it under Law first.").classes("hint")
+        with ui.element("ul").classes("files"):
+            for name, (title, _) in offered(bench, bench._last.model).items():
+                with ui.element("li"):
+                    link(name, title)

@@ -173,7 +173,8 @@ def lamp(material: Material) -> tuple[str, str, str]:
     off = f"The model is off by {sized(errors[-1], material.units.get('y', ''), beside=errors[0])} rms."
     if said:
         return "warn", "Only with care.", f"{said} {off}"
-    if why := words.doubt(material.diagnosis):
+    adds = material.later is not None and material.once(hero.told)["add"] is not None
+    if why := "first add what is missing" if adds else words.doubt(material.lacking):
         return "warn", "Not yet:", f"{why}. {off}"
     loop = ", beside a position controller (the machine integrates)" if material.once(hero.width_of_rate) else ""
     return "good", "Yes,", f"within the range of the data{loop}: the law is stable there. {off}"
