@@ -20,11 +20,10 @@ from ..errors import DataError, ModelError, NarxError
 from ..files.atomic import write_csv
 from ..models.extend import find
 from ..models.model import Model
-from ..models.rewrite import rewritten, written_terms
 from ..symbolic.signals import plain_name
 from ..tasks.base import check_kind, read_base, what_to_know
 from ..tasks.compensate import Law
-from ..tasks.revise import Revision, begin, with_effect, with_term
+from ..tasks.revise import Revision, begin, with_effect
 from .browser.preview import Ran, signals_svg
 from .choice import (
     Choice,
@@ -248,21 +247,8 @@ class Workbench:
                 for one in effect.split(" + "):  # of two that are found together
                     find(one)
             said.stop()
-            self._climb(with_effect, self._last.bare(), effect)
-
-    def edit(self, name: str, text: str) -> None:
-        """Begin to fit the model with one term given as text: "" as name puts one in, "" as text takes it out."""
-        with Said(self) as said:
-            last, channels = self._last.base.model, self._measured.channels
-            with said.field("term"):
-                model = rewritten(last, name, text, channels)
-            said.stop()
-            what = f"{name or 'new term'}: {text.strip()}" if text.strip() else f"without {name}"
-            self._climb(with_term, model, name, what)
-
-    def _climb(self, make: Callable[..., Revision], *what: Any) -> None:
-        of = self.state
-        self._revise(of.revisions, of.base, of.base_name, make, *what)
+            of = self.state
+            self._revise(of.revisions, of.base, of.base_name, with_effect, self._last.bare(), effect)
 
     def _revise(
         self, before: tuple[Shown, ...], base: str | Model, name: str, make: Callable[..., Revision], *what: Any
@@ -348,11 +334,6 @@ class Workbench:
     def known(self) -> dict[str, str]:
         """The units of input and output, in words where they are not known."""
         return {name: self._measured.units.get(name) or f"unit of {name}" for name in "uy"}
-
-    @property
-    def terms(self) -> dict[str, str]:
-        """Terms that may be edited, as text by their parameters."""
-        return written_terms(self.current.base.model) if self.current else {}
 
     # -- the process -------------------------------------------------------------------------------------------
 

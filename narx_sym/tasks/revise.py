@@ -12,7 +12,6 @@ from ..diagnosis.procedure import Diagnosis, diagnose
 from ..diagnosis.progress import ROUND, Told, inside
 from ..diagnosis.refit import Fitted, prune
 from ..diagnosis.table.candidates import Candidate, Pair
-from ..errors import FitError
 from ..models.effects import EFFECTS
 from ..models.model import Model
 from .base import check_pace, identify_base
@@ -78,22 +77,6 @@ def with_effect(before: Revision, effect: str, records: Sequence[Record], progre
     else:
         model = prune(candidate.fitted, before.base).model
     return revised(f"+ {effect}", model, records, progress, effect, **known)
-
-
-def with_term(
-    model: Model, name: str, what: str, records: Sequence[Record], progress: Progress, **known: Any
-) -> Revision:
-    """Fit a model whose term with the parameter `name` is new; `what` says so in words."""
-    starts = [model.theta]
-    if model.theta is not None and name:  # the old value may be a bad one for the new term
-        starts.append([0.0 if str(s) == name else v for s, v in zip(model.symbols, model.theta, strict=True)])
-    progress(Told("taking the new term", 1, STAGES))
-    for start in starts[:-1]:
-        try:
-            return revised(what, model.replace(theta=start), records, progress, **known)
-        except FitError:
-            continue
-    return revised(what, model.replace(theta=starts[-1]), records, progress, **known)
 
 
 def revised(

@@ -293,7 +293,7 @@ def test_a_column_called_like_markup_is_a_channel_with_a_plain_name(bench, data)
 
 def test_nothing_begins_before_what_it_needs(bench):
     for do, why in (
-        (bench.diagnose, "data"), (lambda: bench.add("backlash"), "Diagnose"), (lambda: bench.edit("", "1"), "Diagnose"),
+        (bench.diagnose, "data"), (lambda: bench.add("backlash"), "Diagnose"),
         (bench.undo, "nothing to undo"), (bench.redo, "nothing to redo"), (bench.run_law, "Diagnose"), (lambda: bench.choose(u="u"), "Drop a data file"),
         (lambda: bench.choose_base("cubic"), "Unknown base"),
     ):  # fmt: skip
@@ -325,20 +325,6 @@ def test_a_state_comes_back_with_its_base_and_law_and_a_new_step_forgets_what_wa
     assert climbed.base == "static" and climbed.state.law is None and not climbed.busy
     climbed.go(1)
     assert (climbed.state.law, climbed.state.run) == (law, run) and len(climbed.states) == len(states) + 1
-
-
-@pytest.mark.long
-def test_a_term_given_as_text_is_fitted(climbed):
-    revisions = climbed.state.revisions
-    name = next(n for n, term in climbed.terms.items() if term == "y[k-2]")
-    climbed.edit(name, "y[k-3]")
-    wait(climbed)
-    assert not climbed.error and climbed.terms[name] == "y[k-3]"
-    assert climbed.current.errors["validation"] > climbed.state.revisions[-2].errors["validation"]
-    assert "y[k-3]" in climbed.current.name
-    assert "<html" in climbed.download("report.html")[1]  # the report tells this way too
-    climbed.undo()
-    assert climbed.state.revisions == revisions
 
 
 @pytest.mark.long

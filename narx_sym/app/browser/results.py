@@ -12,7 +12,7 @@ from ...symbolic.numbers import sized
 from ..downloads import offered
 from ..workbench import Workbench
 from . import law
-from .widgets import Fault, details, heading, link, said, section
+from .widgets import Fault, heading, link, said, section
 
 TABS = {"diagnosis": "Diagnosis", "law": "Law", "export": "Export"}
 
@@ -48,21 +48,6 @@ def effects(bench: Workbench) -> None:
         chosen.props("outlined dense options-dense")
         Fault(chosen, bench, "effect")
         ui.button("Add it", on_click=lambda: bench.add(chosen.value or "")).props("no-caps outline")
-        with details("Change a term"), ui.element("div").classes("other"):
-            terms(bench)
-
-
-def terms(bench: Workbench) -> None:
-    """Show a term as text, to be fitted anew or taken out; the report lists all parameters with their errors."""
-    said("Sums, products, powers, and the functions sign, abs, sin, cos, tanh, exp, Max, Min.").classes("hint")
-    listed = {"": "a new term, such as u[k-2]"} | {name: f"{name}: {term}" for name, term in bench.terms.items()}
-    which = ui.select(listed, label="Term", value="").props("outlined dense options-dense").classes("field")
-    text = ui.input("As text").props("outlined dense maxlength=500").classes("field")
-    which.on_value_change(lambda event: text.set_value(bench.terms.get(event.value, "")))
-    Fault(text, bench, "term")
-    with ui.element("div").classes("undo"):
-        for title, what in (("Fit it", lambda: text.value or ""), ("Remove it", lambda: "")):
-            ui.button(title, on_click=lambda what=what: bench.edit(which.value or "", what())).props("no-caps outline")
 
 
 def steps(bench: Workbench) -> None:
