@@ -199,6 +199,21 @@ def test_an_effect_without_a_size_of_its_own_is_told_by_what_it_moves(stage_diag
     assert f"{sized(float(np.sqrt(np.mean((before - after) ** 2))), 'um')} rms" in verdict.moved(d, d.last, "um")
 
 
+def test_a_law_is_tried_along_the_record_before_it_may_run(stage_diagnosis, monkeypatch):
+    named = replace(stage_diagnosis.steps[0], verdict="named", confusion_set=["backlash"])
+    of = page.material(replace(stage_diagnosis, steps=[named]), STAGE_UNITS)
+    colour, answer, _ = verdict.lamp(of)
+    assert (colour, answer) == ("good", "Yes,")
+    tried = verdict.track
+
+    def worse(law, reference, limits):
+        run = tried(law, reference, limits)
+        return replace(run, plain=run, y=run.y + np.ptp(run.y))
+
+    monkeypatch.setattr(verdict, "track", worse)
+    assert verdict.lamp(of)[:2] == ("warn", "Not yet:") and "worse than a constant gain" in verdict.lamp(of)[2]
+
+
 def test_a_size_whose_interval_includes_zero_is_not_fixed_by_the_data():
     assert (
         verdict.interval("share 0.02, 95 % -0.4 ... 0.5")

@@ -11,11 +11,12 @@ import numpy as np
 
 from ...data.evidence.stiction import worst_valve
 from ...diagnosis.misfit import Portrait
-from ...errors import ModelError, NotInvertible
+from ...errors import ModelError, NarxError, NotInvertible
 from ...models.continuous_time import Continuous
 from ...symbolic.numbers import sized
-from ...tasks.compensate import caution
+from ...tasks.compensate import caution, track
 from ...tasks.physical import physical
+from ...tasks.reference import measured
 from .. import hero, words
 from ..comparison import Comparison, Units, stretch
 from ..parameters import candidate_parameters, shape_sizes
@@ -176,8 +177,22 @@ def lamp(material: Material) -> tuple[str, str, str]:
     adds = material.later is not None and material.once(hero.told)["add"] is not None
     if why := "first add what is missing" if adds else words.doubt(material.lacking):
         return "warn", "Not yet:", f"{why}. {off}"
+    if why := strays(material):
+        return "warn", "Not yet:", f"{why}. {off}"
     loop = ", beside a position controller (the machine integrates)" if material.once(hero.width_of_rate) else ""
     return "good", "Yes,", f"within the range of the data{loop}: the law is stable there. {off}"
+
+
+def strays(material: Material) -> str:
+    """Say why a law is not to be relied on where it is tried: along the measured output, in the range of the input."""
+    base = material.diagnosis.steps[0].base
+    record = base.split.records[base.worst]
+    try:
+        run = track(material.subject.law, measured(record), (float(record.u.min()), float(record.u.max())))
+    except NarxError:
+        return "the law cannot be tried along the measured output"
+    (own, _), (plain, _) = run.errors.values()
+    return "" if own <= plain else "on the model the law follows the measured output worse than a constant gain"
 
 
 def bars(material: Material) -> list[dict[str, Any]]:
