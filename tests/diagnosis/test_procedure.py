@@ -191,7 +191,9 @@ def test_a_pair_is_told_in_words_and_data(pair):
     rivals = [list(rival) for rival in first.pair.rivals]
     assert d.to_dict()["together"] == {
         "effects": list(first.pair.effects), "share": first.pair.share, "rivals": rivals,
+        "probability": first.pair.probability,
     }  # fmt: skip
+    assert 0 < first.pair.probability <= 1
     assert [r["added"] for r in d.ladder[:2]] == ["base", " + ".join(first.added)]
     assert d.ladder[1]["validation"] < d.ladder[0]["validation"]
 

@@ -189,6 +189,8 @@ def test_prices_give_probabilities():
     """Two that cost the same share one half each; a price that is lower by d is exp(6 d) times as probable, of 12 blocks."""
     a, b, dear, pair = Entry(("a",), 0.1), Entry(("b",), 0.1), Entry(("c",), 0.1 * np.e), Entry(("a", "b"), 1e-3)
     found = probabilities([BASE, a, b, dear, pair, Entry(("a",), 0.3)], BASE)
+    both = probabilities([BASE, a, b, dear, pair], BASE, 2)
+    assert set(both) == {*found, tuple(sorted(pair.ids))} and sum(both.values()) == pytest.approx(1)
     assert sum(found.values()) == pytest.approx(1) and ("a", "b") not in found
     assert found["a",] == found["b",] == pytest.approx(np.exp(6 / TEMPERATURE) * found["c",])
     assert 0 < found[()] < found["c",]
