@@ -172,7 +172,10 @@ def traces(kind: Callable[[float], Any], size: float) -> dict[str, list[Any]]:
         names = list(placed(variant)[0].effects[0].coefficients)
         for shape in grid(variant, u):
             strength = 1.0 if one.full else 0.02 / size**2
-            columns = [run(variant, u, shape | {n: strength * (n == c) for n in names}) - plain for c in names]
+            try:
+                columns = [run(variant, u, shape | {n: strength * (n == c) for n in names}) - plain for c in names]
+            except ns.Diverged:  # a hysteresis that stiffens without bound runs away
+                continue
             found.setdefault(one.id, []).append((one.sign, np.column_stack([off(column) for column in columns])))
     return found
 
