@@ -97,6 +97,8 @@ def estimated(
         Which start states are estimated; all by default.
     """
     z, memory = z.copy(), _unmeasured(problem)
+    if problem.load is not None:  # linear in the run: no step of it is too large
+        memory[-1] = False
     for i in range(len(problem.data)):
         found = _one_start(problem, z, i, constant, moves, offset)
         if moves is None and memory.any() and not memory.all():
