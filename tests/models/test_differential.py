@@ -100,7 +100,7 @@ def test_a_pendulum_without_friction_is_told_that_friction_is_missing(catalogue,
     assert values["w"] == pytest.approx(9, rel=0.03) and values["d"] == pytest.approx(0.3, rel=0.1)
     found.report(tmp_path / "own.html", {"u": "N m", "y": "rad"})
     page = (tmp_path / "own.html").read_text(encoding="utf-8")
-    assert "could not be made" not in page and "0.5 N m" in page  # the friction that was simulated
+    assert "could not be made" not in page and "0.500 N m" in page  # the friction that was simulated
 
 
 @ALL

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import numpy as np
 from ...data.evidence.stiction import worst_valve
 from ...diagnosis.misfit import Portrait
 from ...errors import ModelError, NarxError, NotInvertible
+from ...fit.continuous import continuous
 from ...models.continuous_time import Continuous
 from ...symbolic.numbers import sized
 from ...tasks.compensate import caution, track
@@ -136,6 +138,9 @@ def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
             band.format(words.percent(v.band / v.span)) if v.band else "no stiction band found" for v in first.valves
         ]
     if d.last is not None:
+        if isinstance(known, str) and not d.model.info.useless:
+            with suppress(NarxError):  # of a nonlinear base: forces as they stand beside the input
+                known = continuous(d.model, units={name: unit for name, unit in units.items() if unit})
         shapes, more = shape_sizes(d, units, known)
         return [*map(interval, quantities(known, True) + shapes), *[moved(d, d.last, unit)] * more]
     fitting = [c for c in first.candidates if c.effect in first.confusion_set]
