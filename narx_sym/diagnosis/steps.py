@@ -440,10 +440,8 @@ class Step:
 
 def _instead(pair: Pair) -> str:
     """Say what else explains as much as a pair, and which of the two is in all of it."""
-    listed = [" with ".join(rival) for rival in pair.rivals[:RIVALS]]
-    more = f", or one of {len(pair.rivals) - RIVALS} more" if len(pair.rivals) > RIVALS else ""
     every = f"; {pair.sure[0]} is in all of them" if pair.sure else ""
-    return f" It could also be {', or '.join(listed)}{more}{every}." if listed else ""
+    return f" It could also be {pair.others}{every}." if pair.rivals else ""
 
 
 def meaning(name: str, meanings: Mapping[str, str]) -> str:

@@ -67,8 +67,7 @@ def badge(diagnosis: Diagnosis) -> str:
     said = [sure + BADGES[first.finding]]
     if (pair := first.pair) is not None and first.finding == "two_effects":
         if pair.rivals:
-            each = f" (each with {joined(map(spaced, pair.sure))})" if pair.sure else ""
-            said = [f"{sure}the most probable of {len(pair.rivals) + 1} explanations that fit{each}"]
+            said = [f"{sure}the most probable; also possible: {without_ids(pair.others)}"]
         said += ["something else is missing too"] * incomplete(diagnosis)
     if first.finding == "valve" and (valve := worst_valve(first.valves)).band:
         said += [f"which explains {percent(1 - valve.left)} of the squared error"]

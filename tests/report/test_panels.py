@@ -166,7 +166,7 @@ def test_what_explains_as_much_as_a_pair_is_told_with_it(stage_diagnosis):
     assert sure == ("backlash", "creep")
     sentence, badge, sure = told(("backlash", "drift"), ("backlash",))
     assert sentence.endswith(" It could also be backlash with drift, or backlash; backlash is in all of them.")
-    assert badge == "61 %: the most probable of 3 explanations that fit (each with backlash)" and sure == ("backlash",)
+    assert badge == "61 %: the most probable; also possible: backlash with drift, or backlash" and sure == ("backlash",)
     sentence, _, sure = told(*((name, "drift") for name in "abcd"))
     assert sentence.endswith("a with drift, or b with drift, or c with drift, or one of 1 more.") and not sure
 

@@ -20,7 +20,7 @@ from ...symbolic.sensitivity import derivative
 from ...symbolic.signals import passed
 from ..bases import BASE
 from ..refit import Fitted, Trial
-from ..settings import ALIKE, DRAWS, LEFT, TOGETHER
+from ..settings import ALIKE, DRAWS, LEFT, RIVALS, TOGETHER
 from .finer import idle
 from .row import Row
 from .verdict import alike, cheapest, explained, probabilities, removes, verdict, winner
@@ -236,6 +236,13 @@ class Pair:
     def sure(self) -> tuple[str, ...]:
         """Those of them without which nothing explains as much."""
         return tuple(e for e in self.effects if all(e in rival for rival in self.rivals))
+
+    @property
+    def others(self) -> str:
+        """What these data cannot tell from them, by ids; empty where there is none."""
+        named = [" with ".join(rival) for rival in self.rivals[:RIVALS]]
+        more = [f"one of {len(self.rivals) - RIVALS} more"] * (len(self.rivals) > RIVALS)
+        return ", or ".join(named + more)
 
     @property
     def counted(self) -> str:
