@@ -37,9 +37,9 @@ def floors(extra: str = "test") -> dict[str, str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     found = {}
     for text in (*project["dependencies"], *project["optional-dependencies"][extra]):
-        match = re.fullmatch(r"([A-Za-z0-9_.-]+)>=([0-9.]+)", text)
+        match = re.fullmatch(r"([A-Za-z0-9_.-]+)>=([0-9.]+)(?:,!=[0-9.]+)*", text)
         if match is None:
-            raise SystemExit(f"{text}: a dependency is written name>=floor, without an upper cap")
+            raise SystemExit(f"{text}: a dependency is written name>=floor and versions left out, without an upper cap")
         found[match[1]] = match[2]
     return found
 
