@@ -508,8 +508,12 @@ class Continuous(InLatex):
     @property
     def text(self) -> str:
         """One line: what matters first, effects before the linear part."""
-        told = [q for q in self.quantities if str(q.symbol) in self.main]
-        return "; ".join(q.text for q in sorted(told, key=lambda q: not q.effect))
+        return "; ".join(q.text for q in sorted(self.told, key=lambda q: not q.effect))
+
+    @property
+    def told(self) -> list[Quantity]:
+        """The quantities that matter: those of the text, in the order of the equation."""
+        return [q for q in self.quantities if str(q.symbol) in self.main]
 
     @property
     def rows(self) -> list[tuple[str, str]]:

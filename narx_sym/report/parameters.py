@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -115,27 +115,26 @@ def candidate_parameters(candidate: Candidate, units: Units, letters: bool = Fal
     return (by_letters if letters else effect_parameters)(model, added, units, shapes)
 
 
-def added_sizes(diagnosis: Diagnosis, units: Units, told: Continuous | str | None = None) -> list[str]:
-    """Return a line with the parameters and units of each effect that was added, kept and not `told` already."""
-    known = {q.effect for q in told.quantities if str(q.symbol) in told.main} if isinstance(told, Continuous) else ()
+def added_sizes(diagnosis: Diagnosis, units: Units, known: Continuous | str | None = None) -> list[str]:
+    """Return a line with the parameters and units of each effect that was added, kept and not told by `known`."""
+    already = {q.effect for q in known.told} if isinstance(known, Continuous) else ()
     model, shapes = diagnosis.model, shape_units(diagnosis, units)
     return [
         f"{begun(spaced(one.effect))}{f' ({one.form})' if one.form else ''}: "
         f"{effect_parameters(model, one, units, shapes)}."
         for one in newer(model, diagnosis.steps[0].base.model)
-        if one.effect not in known
+        if one.effect not in already
     ]
 
 
-def shape_sizes(diagnosis: Diagnosis, units: Units, told: Continuous | str) -> tuple[list[str], bool]:
-    """Return the lengths, times and levels of the added effects that are not `told`, and whether some effect has none.
+def shape_sizes(diagnosis: Diagnosis, units: Units, told: Collection[str]) -> tuple[list[str], bool]:
+    """Return the lengths, times and levels of the added effects but those `told`, and whether some effect has none.
 
     A shape parameter has the unit of a signal; what a coefficient means depends on the rest of the model.
     """
-    known = {q.effect for q in told.quantities if str(q.symbol) in told.main} if isinstance(told, Continuous) else ()
     model, shapes = diagnosis.model, shape_units(diagnosis, units)
     errors = {str(r["symbol"]): r["standard_error"] or 0.0 for r in model.table()}
-    new = [e for e in newer(model, diagnosis.steps[0].base.model) if e.effect not in known]
+    new = [e for e in newer(model, diagnosis.steps[0].base.model) if e.effect not in told]
     lines = []
     for one in new:
         for n, s in one.shape.items():
@@ -157,19 +156,21 @@ def called(model: Model, units: Units) -> dict[str, str]:
     if names >= {"c1", "c2", "c3", "d", "h0"}:  # a base of Bouc and Wen
         own |= {n: f"hysteresis {n}" for n in names}
     found = {symbol: LETTERS[key] for symbol, key in own.items() if key in LETTERS}
+    return found | {str(q.expression): q.name for q in of_effects(model, units)}
+
+
+def of_effects(model: Model, units: Units) -> list[Quantity]:
+    """Return what matters of a model's effects in physical units, by its linearisation; nothing where it has none."""
     with suppress(NarxError):
         known = continuous(model, units={name: unit for name, unit in units.items() if unit})
-        found |= {str(q.expression): q.name for q in known.quantities if q.effect and str(q.symbol) in known.main}
-    return found
+        return [q for q in known.told if q.effect]
+    return []
 
 
 def effect_parameters(model: Model, effect: AddedEffect, units: Units, shapes: Mapping[str, str]) -> str:
     """Return what matters of an effect of a model in physical units; where nothing does, its parameters by letters."""
-    with suppress(NarxError):
-        known = continuous(model, units={name: unit for name, unit in units.items() if unit})
-        own = [q for q in known.quantities if q.effect == effect.effect and str(q.symbol) in known.main]
-        if own:
-            return ", ".join(f"{q.name} {sized(q.value, q.unit)}" for q in own)
+    if own := [q for q in of_effects(model, units) if q.effect == effect.effect]:
+        return ", ".join(f"{q.name} {sized(q.value, q.unit)}" for q in own)
     return by_letters(model, effect, units, shapes)
 
 

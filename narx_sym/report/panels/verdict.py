@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,6 @@ import numpy as np
 from ...data.evidence.stiction import worst_valve
 from ...diagnosis.misfit import Portrait
 from ...errors import ModelError, NarxError, NotInvertible
-from ...fit.continuous import continuous
 from ...models.continuous_time import Continuous
 from ...symbolic.numbers import sized
 from ...tasks.compensate import caution, track
@@ -21,7 +19,7 @@ from ...tasks.physical import physical
 from ...tasks.reference import measured
 from .. import hero, words
 from ..comparison import Comparison, Units, stretch
-from ..parameters import candidate_parameters, shape_sizes
+from ..parameters import candidate_parameters, of_effects, shape_sizes
 from ..picture import Picture
 from ..plots.portrait import portrait_panels
 from ..plots.valve import loop_panels
@@ -106,21 +104,15 @@ def verdict(material: Material) -> dict[str, Any]:
         return seen
     shown = now if now.last is not None or d.last is None else d  # what may be added, else what was
     known = physical(shown, {name: unit for name, unit in units.items() if unit}, material.settings.get("scale"))
+    linear = [] if isinstance(known, str) else [q.text for q in known.told if not q.effect]
     return seen | {
         "badge": SURE if now.steps[0].finding == "nothing_detectable" else words.badge(now),
         "sizes": sizes(shown, units, known), "fall": words.fall(shown, units, whole=False) or left(shown, units),
-        "linear": "; ".join(map(interval, quantities(known, False))), "lamp": lamp(material),
+        "linear": "; ".join(map(interval, linear)), "lamp": lamp(material),
         "next": words.what_next(now), "notes": [*(f.sentence for f in now.faults), *now.data_notes],
         "why": words.without_ids(now.sentence(units)),
         "steps": [words.without_ids(s.sentence(units)) for s in now.steps[1:]],
     }  # fmt: skip
-
-
-def quantities(known: Continuous | str, effects: bool) -> list[str]:
-    """Return the quantities of the effects, or of the linear part, in physical units with their intervals."""
-    if isinstance(known, str):
-        return []
-    return [q.text for q in known.quantities if str(q.symbol) in known.main and bool(q.effect) == effects]
 
 
 def interval(text: str) -> str:
@@ -138,11 +130,12 @@ def sizes(d: Diagnosis, units: Units, known: Continuous | str) -> list[str]:
             band.format(words.percent(v.band / v.span)) if v.band else "no stiction band found" for v in first.valves
         ]
     if d.last is not None:
-        if isinstance(known, str) and not d.model.info.useless:
-            with suppress(NarxError):  # of a nonlinear base: forces as they stand beside the input
-                known = continuous(d.model, units={name: unit for name, unit in units.items() if unit})
-        shapes, more = shape_sizes(d, units, known)
-        return [*map(interval, quantities(known, True) + shapes), *[moved(d, d.last, unit)] * more]
+        if isinstance(known, str):  # of a nonlinear base: forces as they stand beside the input
+            own = [] if d.model.info.useless else of_effects(d.model, units)
+        else:
+            own = [q for q in known.told if q.effect]
+        shapes, more = shape_sizes(d, units, {q.effect for q in own})
+        return [*map(interval, [q.text for q in own] + shapes), *[moved(d, d.last, unit)] * more]
     fitting = [c for c in first.candidates if c.effect in first.confusion_set]
     if fitting or first.finding != "nothing_detectable" or not first.unseen:
         told = [f"{words.spaced(c.effect)}: {candidate_parameters(c, units)}" for c in fitting if first.refused is None]
