@@ -72,7 +72,7 @@ def started(model: Model, part: Record, align: bool = False, loads: bool = True,
         return Started(simulate(model, data[model.input.name], data[model.output.name], data, engine, warn=False))
     z, constant = problem.start(fitted(model)), 0.0
     if align:  # where Sigma_y = 1 no record tells a start from an offset: first only what nobody measured moves
-        z, constant = estimated(problem, z, constant, _unmeasured(problem), True)
+        z, constant = estimated(problem, z, constant, _unmeasured(problem, load=True), True)
     z, constant = estimated(problem, z, constant)
     run = problem.simulate(z, 0, engine)
     return Started(run + constant, constant, float(z[-1]) if problem.load is not None else 0.0)
@@ -96,9 +96,7 @@ def estimated(
     moves : (unknowns of a segment,) bool array, optional
         Which start states are estimated; all by default.
     """
-    z, memory = z.copy(), _unmeasured(problem)
-    if problem.load is not None:  # linear in the run: no step of it is too large
-        memory[-1] = False
+    z, memory = z.copy(), _unmeasured(problem, load=False)  # a load is linear in the run: no step of it is too large
     for i in range(len(problem.data)):
         found = _one_start(problem, z, i, constant, moves, offset)
         if moves is None and memory.any() and not memory.all():
@@ -110,9 +108,9 @@ def estimated(
     return z, constant
 
 
-def _unmeasured(problem: FreeRun) -> Array:
-    """Return which unknowns of a segment are no measured outputs: what effects remember, and the load."""
-    listed = [s.back is None for s in problem.starts] + [True] * (problem.load is not None)
+def _unmeasured(problem: FreeRun, load: bool) -> Array:
+    """Return which unknowns of a segment are no measured outputs: what effects remember, and the load if asked for."""
+    listed = [s.back is None for s in problem.starts] + [load] * (problem.load is not None)
     return np.array(listed, dtype=bool)
 
 
