@@ -118,8 +118,8 @@ def text_effect(data: Mapping[str, Any]) -> Effect:
 
 
 def _built(name: str, data: Mapping[str, Any]) -> Effect:
-    missing, unknown = [f for f in REQUIRED if f not in data], sorted(set(map(str, data)) - FIELDS)
-    _refuse(missing, f"the field {missing[0]!r} is missing." if missing else "")
+    missing, unknown = next((f for f in REQUIRED if f not in data), ""), sorted(set(map(str, data)) - FIELDS)
+    _refuse(missing, f"the field {missing!r} is missing.")
     _refuse(unknown, f"unknown field {_few(unknown)!r}; there are {', '.join(sorted(FIELDS))}.")
     places = _places(data)
     scan = {p: _scan(p, rule) for p, rule in _table(data, "scan").items()}
